@@ -84,6 +84,15 @@ def test_nothing_wrong_says_what_would_have_shown_and_what_parts_alone_gain() ->
     assert 'detection limits' not in cause and 'parts as estimated' not in cause
 
 
+def test_nothing_wrong_says_how_probable_it_is_and_what_may_be() -> None:
+    sets = ((), 0.602), (('motor_lag:joint_1',), 0.218), (('unknown',), 0.03)
+    nothing = Diagnosis('nothing_wrong', 'Nothing.', sets=sets)
+    lines = [line.split() for line in answer_text(nothing, [GAIN], []).splitlines()]
+    assert ['nothing', 'wrong', '60', '%'] in lines
+    assert ['or', 'motor', 'lag,', 'joint', '1', '22', '%'] in lines
+    assert not any('unknown' in line for line in lines)
+
+
 @pytest.mark.parametrize('name', ['drive_damping_1', 'drive_inertia_2'])
 def test_a_part_of_a_velocity_loop_is_said_as_its_file_is_changed(name: str) -> None:
     part, = (part for part in robot_parts(REFERENCE) if part.name == name)

@@ -7,7 +7,12 @@ from typing import Any
 
 from flex_plant_sim.diagnosis.report.figures import AFTER, MEASURED, Picture, picture
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
-from flex_plant_sim.diagnosis.verdict.wording import label_text, part_text, percent_text
+from flex_plant_sim.diagnosis.verdict.wording import (
+    label_text,
+    part_text,
+    percent_text,
+    set_text,
+)
 from flex_plant_sim.interval import Z95
 
 # Largest numbers of sets and of parts in a picture.
@@ -39,12 +44,6 @@ def sets_picture(sets: Sequence[tuple[tuple[str, ...], float]]) -> Picture:
     text = '; '.join(f'{name} {percent_text(p)}' for name, p in shown)
     return picture(draw, 'probability of each set of causes', text,
                    (4.8, 0.7 + 0.5 * len(shown)))
-
-
-def set_text(labels: Sequence[str]) -> str:
-    """Return a set of labels in words."""
-    words = [label_text(label) for label in labels]
-    return ' + '.join(words) or 'nothing wrong'
 
 
 def parts_picture(parts: Sequence[PartEstimate]) -> Picture:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flex_plant_sim.arm.units import CHANNEL_SHOWN
+from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.verdict.improvement import Gain
@@ -18,6 +19,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
     parameter_text,
     part_text,
     percent_text,
+    set_text,
     size_text,
 )
 
@@ -34,7 +36,8 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
     for k, cause in enumerate(diagnosis.causes):
         lines += _cause_lines(cause, [rival for place in diagnosis.rounds[k:k + 1]
                                       for rival in place])
-    lines += [*_part_lines(diagnosis), *_note_lines(diagnosis), *_limit_lines(diagnosis)]
+    lines += [*_nothing_lines(diagnosis), *_part_lines(diagnosis), *_note_lines(diagnosis),
+              *_limit_lines(diagnosis)]
     lines += ['', *_gain_lines(gains)]
     if diagnosis.moves_parts_alone and any(gain.before != gain.after for gain in gains):
         lines.append('  -> is with the parts as estimated: no cause is added')
@@ -57,6 +60,15 @@ def _cause_lines(cause: Cause, rivals: Sequence[Alternative]) -> list[str]:
 def _named_line(start: str, named: Cause | Alternative) -> str:
     sizes = ', '.join(map(parameter_text, named.parameters))
     return f'{start:<34}{percent_text(named.probability):>7}   {sizes}'
+
+
+def _nothing_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return how probable it is that nothing is wrong, where that is said, and what may be."""
+    if diagnosis.verdict != 'nothing_wrong' or not diagnosis.sets:
+        return []
+    least, starts = MIN_RELATIVE_PROBABILITY * diagnosis.sets[0][1], ('    or ', '  ')
+    return [f'{starts[not labels] + set_text(labels):<34}{percent_text(p):>7}'
+            for labels, p in diagnosis.sets if p > least]
 
 
 def _part_lines(diagnosis: Diagnosis) -> list[str]:

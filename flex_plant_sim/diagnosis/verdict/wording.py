@@ -105,6 +105,12 @@ def label_text(label: str) -> str:
     return name_text(*label.partition(':')[::2])
 
 
+def set_text(labels: Sequence[str]) -> str:
+    """Return a set of labels in words."""
+    words = [label_text(label) for label in labels]
+    return ' + '.join(words) or 'nothing wrong'
+
+
 def part_text(part: PartEstimate) -> str:
     """Return a part's deviation, at 95 %, and its tolerance as the robot file has it."""
     name, reach = label_text(part.name), Z95 * part.deviation
