@@ -98,14 +98,16 @@ def given_value(identifier: str, parameter: Parameter, values: Mapping[str, Any]
     if parameter.name not in values and parameter.optional:
         return parameter.null
     if parameter.name not in values:
-        raise InputError(f'{name}: expected a value in {parameter.unit}, it is missing')
+        wanted = f'a value in {parameter.unit}' if parameter.unit else 'a number'
+        raise InputError(f'{name}: expected {wanted}, it is missing')
     given = values[parameter.name]
     if not isinstance(given, (int, float)):
         raise InputError(f'{name}: expected a number, got {given!r}')
     value = float(given)
     if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
-        raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g} '
-                         f'{parameter.unit}, got {value:g}')
+        unit = f' {parameter.unit}' if parameter.unit else ''
+        raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g}{unit}, '
+                         f'got {value:g}')
     if parameter.discrete and not value.is_integer():
         raise InputError(f'{name}: expected a whole number, got {value:g}')
     return value
