@@ -246,17 +246,25 @@ def test_sentence_speaks_of_the_channel_of_the_cause_and_of_what_rises_later() -
 
 def test_an_answer_says_which_gauge_errs_by_more_than_it_allows() -> None:
     nothing = replace(report().diagnosis, verdict='nothing_wrong', causes=(), advice='')
-    gauge = replace(CHANNEL, channel='strain_1a', unit='m/m', noise=3e-6, swing=1e-4)
-    for error, noise, said in ((9e-6, 0.0, True), (9e-6, 8e-6, False), (4e-6, 0.0, False)):
-        rows = [CHANNEL, replace(gauge, noise=noise, free_run={0.01: 1e-6, 1.0: error})]
-        found = with_gauges_beyond(nothing, rows)
+    gauge = replace(CHANNEL, channel='strain_1a', unit='m/m', swing=1e-4)
+    errs = replace(GAIN, channel='strain_1a', unit='m/m', after=9e-6)
+    for noise, low, said in ((0.0, 8e-6, True), (0.0, 4e-6, False), (7.5e-6, 8e-6, False)):
+        rows, gains = [CHANNEL, replace(gauge, noise=noise)], [GAIN, replace(errs, low=low)]
+        found = with_gauges_beyond(nothing, rows, gains)
         assert ('strain 1a errs by 9 % of what it reads' in found.sentence) == said
         assert bool(found.advice) == said and found.verdict == 'nothing_wrong'
-        named = with_gauges_beyond(replace(report().diagnosis, verdict='cause'), rows)
+        named = with_gauges_beyond(replace(report().diagnosis, verdict='cause'), rows, gains)
         assert ('strain 1a errs by 9 % of what it reads' in named.sentence) == said
-    # Where something is unnamed already, that is said once.
-    unnamed = replace(report().diagnosis, verdict='cause_and_remainder')
-    assert with_gauges_beyond(unnamed, rows) == unnamed
+    assert with_gauges_beyond(nothing, rows, [replace(errs, horizon=5.0)]) == nothing
+
+
+@pytest.mark.parametrize('verdict', ['cause_and_remainder', 'data_cannot_answer'])
+def test_gauges_that_err_are_not_told_where_something_is_unnamed_or_nothing_was_fitted(
+        verdict: Verdict) -> None:
+    found = replace(report().diagnosis, verdict=verdict)
+    gauge = replace(CHANNEL, channel='strain_1a', unit='m/m', noise=0.0, swing=1e-4)
+    errs = replace(GAIN, channel='strain_1a', unit='m/m', after=9e-6, low=8e-6)
+    assert with_gauges_beyond(found, [gauge], [errs]) == found
 
 
 @pytest.mark.parametrize('key, unit, words', [

@@ -88,7 +88,7 @@ def complete(found: tuple[Diagnosis, Data, BaseModel], nominal: BaseModel, jobs:
     gains = measure_gain(before, after, seed=seed, jobs=jobs)
     described = all_of(describe, [before] if after is before else [before, after], jobs)
     wrong, left = described[0], described[-1]
-    diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left)
+    diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left, gains)
     if diagnosis.verdict in UNNAMED_VERDICTS and not unnamed:
         # What the locked part refutes is unnamed too.
         latent['after'] = latent_view(after)
