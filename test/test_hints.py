@@ -217,6 +217,20 @@ def test_gauges_of_two_links_are_told_by_their_shape_not_by_their_size() -> None
         'strain_1 and strain_2 look exchanged',)
 
 
+@pytest.mark.parametrize('noisier, factor, said', [
+    (1.0, 1.0, False), (2.5, 1.0, False), (1.0, 100.0, True)])
+def test_noise_that_buries_increments_is_no_wrong_unit(
+        noisier: float, factor: float, said: bool) -> None:
+    """At 500 Hz, what moves slowly moves less from row to row than sensors err."""
+    noise, rng = np.array([1.5e-5, 1.5e-5, 1e-6, 1e-6]), np.random.default_rng(3)
+    slow = np.sin(np.outer(0.002 * np.arange(5000.0), [0.7, 0.5, 0.4, 0.3]))
+    expected = slow * [1.0, 1e-4, 1e-5, 1e-5]
+    measured = factor * (expected + noisier * noise * rng.standard_normal(slow.shape))
+    names, units = ('joint_1', 'joint_2', 'strain_1', 'strain_2'), ('rad', 'rad', 'm/m', 'm/m')
+    found = channel_hints(measured, expected, names, units, noise)
+    assert [line.split(':')[0] for line in found] == (list(names) if said else [])
+
+
 @pytest.mark.parametrize('dead', [2, 3])
 def test_a_dead_gauge_looks_exchanged_with_none(dead: int) -> None:
     noise = np.random.default_rng(5).standard_normal((1000, 4))

@@ -14,6 +14,7 @@ from flex_plant_sim.arm.file_section import plausible
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import RANGE, Refusal
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.tiny import TINY
 from msg_config.errors import InputError
 from msg_config.input_mapping import TIME_UNITS
@@ -44,6 +45,10 @@ WRONG_SCALE = 10.0
 # Least correlation, in magnitude, of a channel that moves as the model does. It is that of the
 # increments, which do not depend on drift and offsets.
 FOLLOWS = 0.5
+# Factor on the told standard deviation of noise from which it is said. Healthy sensors of shared
+# records have up to 1.1, 1.2 and 2.2 at 100, 50 and 25 Hz, as differences of slow samples hold
+# motion.
+NOTED_FACTOR = 3.0
 # Below this correlation a joint does not follow its command: the model explains less than a
 # sixteenth of its motion. Simulated arms with a cause have 0.9 and more, a real arm of another
 # make 0.6.
@@ -132,6 +137,7 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
     Return a hint for each channel that disagrees with the model: unit, sign, scale or exchange.
 
     Increments are compared: their correlation tells the sign, the ratio of their sizes the unit.
+    A channel may be noisier than told by what is not noted, and is too large without that.
 
     Parameters
     ----------
@@ -140,7 +146,7 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
     names, units : sequence of str
         Names and SI units of the m channels.
     noise : Array
-        Standard deviations of the channels' noise, (m,).
+        Standard deviations of the channels' noise as told, (m,).
 
     """
     found = list(_exchanged(np.diff(measured, axis=0), np.diff(expected, axis=0), names, units))
@@ -149,17 +155,17 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         size, wanted = float(np.linalg.norm(own)), float(np.linalg.norm(model))
         if not (size > 0.0 and wanted > 0.0):
             continue
+        least = _beyond_noise(own, NOTED_FACTOR * std)
         correlation = float(own @ model) / (size * wanted)
         ratio, follows = size / wanted, abs(correlation) > FOLLOWS
         apart = WRONG_SCALE if unit == 'rad' else SIZE_TOLERANCE if follows else WRONG_SCALE**2
         fits = [text for factor, text in UNITS[unit].items()
                 if 1.0 / SIZE_TOLERANCE < ratio / factor < SIZE_TOLERANCE]
-        if not 1.0 / apart < ratio < apart:
+        if ratio <= 1.0 / apart or least >= apart * wanted:
             found.append(f'{name}: {ratio:.3g} times what the model expects: '
                          + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
                             "command's, and is it this column?"))
-        elif unit == 'rad' and abs(correlation) < UNRELATED \
-                and size > 2.0 * std * math.sqrt(len(own)):
+        elif unit == 'rad' and abs(correlation) < UNRELATED and least > 0.0:
             found.append(f'{name}: hardly moves as the model expects (correlation '
                          f"{correlation:.2f}): is it this column, and the command's column and "
                          'scale?')
@@ -168,6 +174,20 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
             found.append(f'{name}: moves against what the model expects (correlation '
                          f'{correlation:.2f}): is its sign{also} inverted?')
     return tuple(found)
+
+
+def _beyond_noise(increments: Array, std: float) -> float:
+    """
+    Return the least size of what of a channel's increments, (N,), is not its white noise.
+
+    Noise adds 2 N std^2 to their sum of squares, with the variance 12 N std^4, as neighbours share
+    a value, and no more than 16 std^2 times the signal's own sum, as no direction of increments
+    varies by more than 4 std^2.
+    """
+    count, variance = len(increments), std**2
+    signal = float(increments @ increments) - 2.0 * count * variance
+    error = math.sqrt(12.0 * count * variance**2 + 16.0 * variance * max(signal, 0.0))
+    return math.sqrt(max(signal - Z95 * error, 0.0))
 
 
 def _sizes_exchanged(found: float, wanted: float) -> bool:

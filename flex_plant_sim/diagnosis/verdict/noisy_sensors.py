@@ -11,11 +11,9 @@ from flex_plant_sim.diagnosis.record.sensor_noise import DIFFERENCES, white_nois
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import digits_text
+from flex_plant_sim.inputs.plausible import NOTED_FACTOR
 import numpy as np
 
-# Factor on the told standard deviation from which it is said. Healthy sensors of shared records
-# have up to 1.1, 1.2 and 2.2 at 100, 50 and 25 Hz, as differences of slow samples hold motion.
-NOTED_FACTOR = 3.0
 # Share by which rows in which two sensors jump the same way outnumber the others, from which on
 # half of their variance is one thing's: (2 / pi) arcsin 0.5^0.5. Gauges of an arm that chatters on
 # a gap have 0.64 to 0.69, those of 48 other records 0.33 at most.
