@@ -57,6 +57,9 @@ class Fit:
         of a strain, over what the filter states, (g,). Of all errors they are few.
     slow_means : int
         Number of such means.
+    varying_part_gains : Array
+        Gain of the evidence if a part varies over the record, nats, (p,), see `constancy`; none
+        where that was not computed.
 
     """
 
@@ -72,6 +75,7 @@ class Fit:
     window_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
     slow_gauge_scale: Array = field(default_factory=lambda: np.zeros(0))
     slow_means: int = 0
+    varying_part_gains: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def large_errors(self) -> NDArray[np.bool_]:

@@ -13,7 +13,11 @@ import math
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
-from flex_plant_sim.diagnosis.likelihood.constancy import varying_cause_gain, window_sums
+from flex_plant_sim.diagnosis.likelihood.constancy import (
+    PartConstancy,
+    varying_cause_gain,
+    window_sums,
+)
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     GaussianMarginal,
@@ -251,7 +255,8 @@ class GaussNewton:
                     statistics.log_evidence(error_scale),
                     self._varying_gain(point, statistics, error_scale),
                     -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0],
-                    *self._slow_gauge_errors(minus_errors))
+                    *self._slow_gauge_errors(minus_errors),
+                    self._varying_part_gains(point, statistics, error_scale))
         if not found.large_errors.any():
             return found
         # Errors that are larger than any model's go with the motion and are not white.
@@ -277,6 +282,13 @@ class GaussNewton:
         """Return the number of windows of all records."""
         return sum(p.windows.starts.size for p in self.likelihood.predictors)
 
+    def _varying_part_gains(self, point: LinearisationPoint, statistics: SufficientStatistics,
+                            error_scale: Array) -> Array:
+        """Return the gains of the evidence if a part varies, nats, (p,); none where none may."""
+        if not self.likelihood.shared_covariance:
+            return np.zeros(0)
+        return part_constancy(self.likelihood, point, statistics, error_scale).gains
+
     def _varying_gain(self, point: LinearisationPoint, statistics: SufficientStatistics,
                       error_scale: Array) -> float:
         """Return the gain of the evidence if a cause varies, nats; -inf where none may."""
@@ -287,6 +299,13 @@ class GaussNewton:
                  for h, of_cause in zip(self.causes.hypotheses, offsets)]
         rows = point.residual, point.jacobian, self.likelihood.part_jacobian
         return varying_cause_gain(statistics, error_scale, rows, self.window_count, sizes)
+
+
+def part_constancy(likelihood: Likelihood, point: LinearisationPoint,
+                   statistics: SufficientStatistics, error_scale: Array) -> PartConstancy:
+    """Return how the parts may vary over the record beside the causes of a point."""
+    rows = point.residual, point.jacobian, likelihood.part_jacobian
+    return PartConstancy(statistics, error_scale, rows, likelihood.part_products_by_window)
 
 
 def _power(rows: Array) -> float:

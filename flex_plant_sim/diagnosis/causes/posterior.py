@@ -71,19 +71,28 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     Larger errors cost it what `cost_of_white_errors` says or, if that is more, what the slow
     errors of the worst gauge do, which are a few of all: what an arm's model misses, all gauges
     see. With a remainder, the errors cost nothing. It shows in them, as far as they are not just
-    white, or in a cause that varies, see `Fit.varying_gain`.
+    white, or in a cause or a part that varies, see `constancy`.
     """
     white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
     slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
                                 SLOW_ERROR_SPREAD**2 * fit.slow_means)
     cost = float(max(np.sum(white), np.max(slow, initial=0.0)))
     in_errors = math.log(-math.expm1(-cost)) if cost else -math.inf
-    gain = float(np.logaddexp(fit.varying_gain, in_errors))
+    gain = float(np.logaddexp.reduce([fit.varying_gain, in_errors, shown_by_parts(fit)]))
     if gain == -math.inf:
         return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),
             replace(fit, discrepancy=replace(fit.discrepancy, remainder=True),
                     log_evidence=fit.log_evidence + gain))
+
+
+def shown_by_parts(fit: Fit) -> float:
+    """Return the gain of the evidence if one part, any, varies, as far as it shows, nats."""
+    gains = fit.varying_part_gains
+    if not gains.size:
+        return -math.inf
+    gain = float(np.logaddexp.reduce(gains)) - math.log(gains.size)
+    return gain + math.log(-math.expm1(-gain)) if gain > 0.0 else -math.inf
 
 
 def cost_of_white_errors(scale: Array, samples: float,

@@ -1,8 +1,9 @@
 """
-Whether a cause is equally large throughout a record, as evidence for or against the cause.
+Whether causes and parts are the same throughout a record, as evidence for something unknown.
 
 A true cause has one size. An effect that only imitates it has the same size on average, and may
-need another one in each window. `Posterior` reads the gain as evidence for something unknown.
+need another one in each window. A part that gets warm or loose changes, which no effect of the
+catalogue does but for the payload. `Posterior` reads the gains as evidence for something unknown.
 """
 
 from __future__ import annotations
@@ -46,11 +47,78 @@ def varying_size_gain(score: Array, information: Array, spread: float) -> float:
         A share of the size.
 
     """
-    distance = np.abs(np.subtract.outer(np.arange(score.size), np.arange(score.size)))
-    root = spread * np.linalg.cholesky(np.exp(-distance / (CORRELATION_SHARE * score.size)))
+    root = spread * _correlated_root(score.size)
     eigenvalues, axes = np.linalg.eigh(root.T @ information @ root)
     gain = np.maximum(eigenvalues, 0.0)
     return 0.5 * float(np.sum((axes.T @ root.T @ score)**2 / (1.0 + gain) - np.log1p(gain)))
+
+
+class PartConstancy:
+    """
+    How each part may vary over the windows of a record, from a fit.
+
+    Parameters
+    ----------
+    statistics : SufficientStatistics
+        Of the fit.
+    error_scale : Array
+        Factor of the errors over what the filter states, (m,).
+    rows : tuple of Array
+        Residual (m, N), Jacobian in the values (k, m, N) and in the parts (p, m, N).
+    by_window : Array
+        Products of the parts' Jacobian with itself in each window, by channel, (m, W, p, p).
+
+    """
+
+    def __init__(self, statistics: SufficientStatistics, error_scale: Array,
+                 rows: tuple[Array, Array, Array], by_window: Array):
+        residual, jacobian, part_jacobian = rows
+        self._joint, windows = statistics.joint_marginal(error_scale), by_window.shape[1]
+        self._sizes, weight = statistics.tolerances, 1.0 / (TEMPER * error_scale**2)
+        values, deviations = np.split(self._joint.mean, [len(jacobian)])
+        at_mean = residual + np.tensordot(values - statistics.offsets, jacobian, 1
+                                          ) + np.tensordot(deviations, part_jacobian, 1)
+        self._among = np.tensordot(weight, by_window, 1)
+        others = _by_window(np.concatenate([at_mean[None], jacobian]) * weight[:, None], windows)
+        self._with_others = others @ np.swapaxes(_by_window(part_jacobian, windows), 1, 2)
+
+    def _score(self, part: int) -> tuple[Array, Array]:
+        """Return score (W,) and information (W, W) of a part's variation, in tolerances."""
+        size, with_others = self._sizes[part], self._with_others[:, :, part]
+        cross = size * np.concatenate([with_others[:, 1:], self._among[:, :, part]], axis=1)
+        power = np.diag(size**2 * self._among[:, part, part])
+        return -size * with_others[:, 0], power - cross @ self._joint.covariance @ cross.T
+
+    @property
+    def gains(self) -> Array:
+        """Return the log Bayes factor of each part varying by its tolerance, nats, (p,)."""
+        return np.array([varying_size_gain(*self._score(part), VARYING_SPREAD)
+                         for part in range(len(self._sizes))])
+
+    def course(self, part: int) -> Array:
+        """Return the likeliest variation of a part over the windows, in its unit, (W,)."""
+        score, information = self._score(part)
+        root = VARYING_SPREAD * _correlated_root(score.size)
+        return np.asarray(self._sizes[part] * root @ np.linalg.solve(
+            np.eye(score.size) + root.T @ information @ root, root.T @ score))
+
+
+def window_products(rows: Array, windows: int) -> Array:
+    """Return the products of rows (p, m, N) with each other, by channel, (m, W, p, p)."""
+    return np.stack([each @ np.swapaxes(each, 1, 2) for channel in range(rows.shape[1])
+                     for each in [_by_window(rows[:, channel:channel + 1], windows)]])
+
+
+def _by_window(rows: Array, windows: int) -> Array:
+    """Return rows (a, m, N) in each window, (W, a, m l)."""
+    apart = rows.reshape(*rows.shape[:2], windows, -1)
+    return np.ascontiguousarray(np.moveaxis(apart, 2, 0)).reshape(windows, len(rows), -1)
+
+
+def _correlated_root(windows: int) -> Array:
+    """Return a root of the correlation between windows, (W, W)."""
+    distance = np.abs(np.subtract.outer(np.arange(windows), np.arange(windows)))
+    return np.linalg.cholesky(np.exp(-distance / (CORRELATION_SHARE * windows)))
 
 
 def varying_cause_gain(statistics: SufficientStatistics, error_scale: Array,

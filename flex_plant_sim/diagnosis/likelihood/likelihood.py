@@ -13,6 +13,7 @@ from functools import cached_property
 from flex_plant_sim.arm.parts import FAR_PART_FACTOR
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.likelihood.constancy import window_products
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
 from flex_plant_sim.diagnosis.likelihood.prior import (
     part_priors,
@@ -162,6 +163,12 @@ class Likelihood:
         return channel_products(self.part_jacobian, self.part_jacobian)
 
     @cached_property
+    def part_products_by_window(self) -> Array:
+        """Return J J' of each channel in each window, (m, W, p, p)."""
+        windows = sum(p.windows.starts.size for p in self.predictors)
+        return window_products(self.part_jacobian, windows)
+
+    @cached_property
     def channel_log_determinants(self) -> Array:
         """Return half the log-determinant of the covariance, by channel, nats, (m,)."""
         found = [np.log(np.diagonal(p.whitener, axis1=-2, axis2=-1)).sum(axis=(0, 1))
@@ -172,7 +179,8 @@ class Likelihood:
     def with_own_filters(self) -> Likelihood:
         """Return the same with each arm's own filter: smoother in the effects, no likelihood."""
         return self._copied('centre_residual', 'part_jacobian', 'centre_shift', 'part_products',
-                            'with_own_filters', shared_covariance=False)
+                            'part_products_by_window', 'with_own_filters',
+                            shared_covariance=False)
 
     def changes_shapes(self, effects: Sequence[Effect]) -> bool:
         """Tell whether an arm with effects bends in other shapes than the trajectory's."""
@@ -201,7 +209,7 @@ class Likelihood:
     def light(self) -> Likelihood:
         """Return the same without what can be computed again."""
         return self._copied('centre_residual', 'centre_shift', 'part_jacobian', 'part_products',
-                            'with_own_filters')
+                            'part_products_by_window', 'with_own_filters')
 
     def with_commands_moved(self, rows: int) -> Likelihood:
         """Return the same likelihood with commands that act rows earlier, with the same J."""
@@ -245,7 +253,8 @@ class Likelihood:
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.centre_residual.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()
         return self._copied(
-            'part_products', 'channel_log_determinants', 'with_own_filters',
+            'part_products', 'part_products_by_window', 'channel_log_determinants',
+            'with_own_filters',
             predictors=[p.at(some) for p, some in zip(self.predictors, of_each)],
             kept_samples=kept,
             weight=self.weight * weight,

@@ -45,6 +45,7 @@ from flex_plant_sim.diagnosis.verdict.unknown import (
     NOT_IN_CATALOGUE,
     with_stated_law,
 )
+from flex_plant_sim.diagnosis.verdict.varying_part import varying_part_text
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
     beyond_tolerance,
@@ -249,13 +250,14 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     if not causes and not unknown:
         return nothing_verdict(found.posterior, part_estimates(found))
     if not causes:
-        return 'not_in_catalogue', f'{NOT_IN_CATALOGUE}{_far_part(found)}', ()
+        return ('not_in_catalogue',
+                f'{NOT_IN_CATALOGUE}{_far_part(found)}{varying_part_text(found)}', ())
     sentence = ' '.join(with_damping_law(cause, found.posterior.nominal.robot)
                         for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
         return ('cause_and_remainder', f'{doubt(found.posterior)}{sentence}'
-                f'{unnamed_remainder(found)}{_far_part(found)}', sets)
+                f'{unnamed_remainder(found)}{_far_part(found)}{varying_part_text(found)}', sets)
     doubted = doubt(found.posterior)
     if doubted:
         return 'cause_and_remainder', f'{doubted}{sentence}', sets
