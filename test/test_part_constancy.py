@@ -72,5 +72,6 @@ def test_a_change_that_shows_is_something_unknown_and_none_costs_nothing() -> No
                      for gains in ((30.0, 0.0), (0.0, -0.5)))
     assert shown_by_parts(shown) == pytest.approx(30.0 - math.log(2.0))
     assert shown_by_parts(hidden) == -math.inf
-    assert Posterior.of([shown], base).unknown_probability > 0.99
-    assert Posterior.of([hidden], base).unknown_probability == pytest.approx(0.0)
+    assert Posterior.of([shown], base, parts_vary=True).unknown_probability > 0.99
+    assert Posterior.of([hidden], base, parts_vary=True).nothing_probability == 1.0
+    assert Posterior.of([shown], base).nothing_probability == 1.0

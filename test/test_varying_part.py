@@ -59,7 +59,7 @@ def result(change: float) -> SearchResult:
     base = nominal_base(REFERENCE, 'assumed_modes', 3, True)
     data = Data.of([record], slowest_frequency(base, MASS), REFERENCE.sample_time)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
-    posterior = Posterior.of([nothing.fit], base)
+    posterior = Posterior.of([nothing.fit], base, parts_vary=True)
     return SearchResult(replace(nothing, fit=posterior.best), (), InformationProbe.beside(nothing),
                         posterior, nothing)
 

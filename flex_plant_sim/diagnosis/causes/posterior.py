@@ -63,7 +63,7 @@ def is_unknown(fit: Fit, nominal: BaseModel) -> bool:
     return fit.discrepancy != nominal.discrepancy
 
 
-def interpretations(fit: Fit) -> tuple[Fit, ...]:
+def interpretations(fit: Fit, parts_vary: bool = False) -> tuple[Fit, ...]:
     """
     Return a fit read as complete, and as one with an unknown remainder.
 
@@ -71,14 +71,24 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     Larger errors cost it what `cost_of_white_errors` says or, if that is more, what the slow
     errors of the worst gauge do, which are a few of all: what an arm's model misses, all gauges
     see. With a remainder, the errors cost nothing. It shows in them, as far as they are not just
-    white, or in a cause or a part that varies, see `constancy`.
+    white, or in a cause that varies, see `constancy`, or a part.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a set.
+    parts_vary : bool
+        Whether parts may vary. To a search they may not: beside a wrong cause they seem to, and
+        the right one, which was not yet refined, would no longer be worth it.
+
     """
     white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
     slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
                                 SLOW_ERROR_SPREAD**2 * fit.slow_means)
     cost = float(max(np.sum(white), np.max(slow, initial=0.0)))
     in_errors = math.log(-math.expm1(-cost)) if cost else -math.inf
-    gain = float(np.logaddexp.reduce([fit.varying_gain, in_errors, shown_by_parts(fit)]))
+    by_parts = shown_by_parts(fit) if parts_vary else -math.inf
+    gain = float(np.logaddexp.reduce([fit.varying_gain, in_errors, by_parts]))
     if gain == -math.inf:
         return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),
@@ -182,7 +192,7 @@ class Posterior:
     @classmethod
     def of(cls, fits: Sequence[Fit], nominal: BaseModel,
            unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
-           beside: Fit | None = None) -> Posterior:
+           beside: Fit | None = None, parts_vary: bool = False) -> Posterior:
         """
         Return the posterior over sets.
 
@@ -196,9 +206,11 @@ class Posterior:
             Labels of sets that were not fitted to their estimated scores, nats.
         beside : Fit, optional
             The set that those are beside, as it was read.
+        parts_vary : bool
+            See `interpretations`.
 
         """
-        fits = [reading for fit in fits for reading in interpretations(fit)]
+        fits = [reading for fit in fits for reading in interpretations(fit, parts_vary)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
         return cls.from_scores(fits, score, nominal, unfitted_scores, beside)
 

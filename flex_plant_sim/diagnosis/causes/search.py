@@ -165,7 +165,8 @@ def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neig
         return ranked_with_laws(state, nothing)
     last = max((state.refined[key] for key in explored), key=lambda r: state.score(r.fit))
     around = explored[SetKey.of(last.fit)]
-    posterior = state.posterior(around.unfitted_scores(state), around.as_read(state))
+    posterior = state.posterior(around.unfitted_scores(state), around.as_read(state),
+                                parts_vary=True)
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(
         replace(best, fit=posterior.best), around.proposals,

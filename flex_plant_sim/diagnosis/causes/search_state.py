@@ -202,7 +202,7 @@ class SearchState:
         return self.penalised_gain(proposal) > -MAX_DEFICIT
 
     def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
-                  beside: Fit | None = None) -> Posterior:
+                  beside: Fit | None = None, parts_vary: bool = False) -> Posterior:
         """Return the posterior over all fitted sets, and over some that were not fitted."""
-        return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores,
-                            beside)
+        return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores, beside,
+                            parts_vary)
