@@ -78,8 +78,8 @@ def interpretations(fit: Fit, parts_vary: bool = False) -> tuple[Fit, ...]:
     fit : Fit
         Of a set.
     parts_vary : bool
-        Whether parts may vary. To a search they may not: beside a wrong cause they seem to, and
-        the right one, which was not yet refined, would no longer be worth it.
+        Whether parts may vary. While causes are searched for they may not: a set is then judged
+        by what it explains, and not by what a part could explain in place of the rest.
 
     """
     white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
