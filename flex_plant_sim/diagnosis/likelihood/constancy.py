@@ -111,8 +111,9 @@ def window_products(rows: Array, windows: int) -> Array:
 
 def _by_window(rows: Array, windows: int) -> Array:
     """Return rows (a, m, N) in each window, (W, a, m l)."""
-    apart = rows.reshape(*rows.shape[:2], windows, -1)
-    return np.ascontiguousarray(np.moveaxis(apart, 2, 0)).reshape(windows, len(rows), -1)
+    length = rows.shape[2] // windows
+    apart = np.moveaxis(rows.reshape(*rows.shape[:2], windows, length), 2, 0)
+    return np.ascontiguousarray(apart).reshape(windows, len(rows), rows.shape[1] * length)
 
 
 def _correlated_root(windows: int) -> Array:

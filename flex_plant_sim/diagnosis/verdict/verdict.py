@@ -167,7 +167,7 @@ def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int,
     verdict, sentence, sets = _verdict(found, causes)
     channels = nominal.robot.output_names
     return Diagnosis(
-        verdict, sentence, causes, sets,
+        verdict, sentence + varying_part_text(found), causes, sets,
         {k: v for k, v in limits.items() if np.isfinite(v.value)},
         tuple(k for k, v in limits.items() if not np.isfinite(v.value)),
         tuple(_alternatives(found.posterior, h) for h in found.best.fit.hypotheses),
@@ -250,14 +250,13 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     if not causes and not unknown:
         return nothing_verdict(found.posterior, part_estimates(found))
     if not causes:
-        return ('not_in_catalogue',
-                f'{NOT_IN_CATALOGUE}{_far_part(found)}{varying_part_text(found)}', ())
+        return 'not_in_catalogue', f'{NOT_IN_CATALOGUE}{_far_part(found)}', ()
     sentence = ' '.join(with_damping_law(cause, found.posterior.nominal.robot)
                         for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
         return ('cause_and_remainder', f'{doubt(found.posterior)}{sentence}'
-                f'{unnamed_remainder(found)}{_far_part(found)}{varying_part_text(found)}', sets)
+                f'{unnamed_remainder(found)}{_far_part(found)}', sets)
     doubted = doubt(found.posterior)
     if doubted:
         return 'cause_and_remainder', f'{doubted}{sentence}', sets
