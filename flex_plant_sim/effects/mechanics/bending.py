@@ -138,12 +138,27 @@ def link_terms(link: Link, modes: int, beyond_tip: float = 0.0) -> LinkTerms:
 
 def bending_terms(form: SecondOrderForm, robot: Robot, payload: float) -> BendingTerms:
     """Return the terms of an energy form with a payload, kg."""
-    return _terms(form, robot.links, robot.elbow_mass, robot.payload_offset, payload)
+    return _terms(_Kinematics(form), robot.links, robot.elbow_mass, robot.payload_offset, payload)
+
+
+class _Kinematics:
+    """A form, equal to others of the same kinematics: drives and damping are not in the terms."""
+
+    def __init__(self, form: SecondOrderForm):
+        self.form = form
+        self._key = form.names, form.elbow_angle.tobytes(), form.field.tobytes()
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Kinematics) and self._key == other._key
 
 
 @lru_cache(maxsize=64)
-def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, offset: float,
+def _terms(kinematics: _Kinematics, links: tuple[Link, Link], elbow_mass: float, offset: float,
            payload: float) -> BendingTerms:
+    form = kinematics.form
     q_1, q_2 = (link_columns(form, index) for index in (0, 1))
     upper, lower = (link_terms(link, int(q.sum()), beyond)
                     for link, q, beyond in zip(links, (q_1, q_2), (0.0, offset)))
