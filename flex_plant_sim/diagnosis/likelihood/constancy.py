@@ -72,12 +72,10 @@ class PartConstancy:
 
     def __init__(self, statistics: SufficientStatistics, error_scale: Array,
                  rows: tuple[Array, Array, Array], by_window: Array):
-        residual, jacobian, part_jacobian = rows
+        _, jacobian, part_jacobian = rows
         self._joint, windows = statistics.joint_marginal(error_scale), by_window.shape[1]
         self._sizes, weight = statistics.tolerances, 1.0 / (TEMPER * error_scale**2)
-        values, deviations = np.split(self._joint.mean, [len(jacobian)])
-        at_mean = residual + np.tensordot(values - statistics.offsets, jacobian, 1
-                                          ) + np.tensordot(deviations, part_jacobian, 1)
+        at_mean = _residual_at(self._joint.mean, statistics.offsets, rows)
         self._among = np.tensordot(weight, by_window, 1)
         others = _by_window(np.concatenate([at_mean[None], jacobian]) * weight[:, None], windows)
         self._with_others = others @ np.swapaxes(_by_window(part_jacobian, windows), 1, 2)
@@ -107,6 +105,14 @@ def window_products(rows: Array, windows: int) -> Array:
     """Return the products of rows (p, m, N) with each other, by channel, (m, W, p, p)."""
     return np.stack([each @ np.swapaxes(each, 1, 2) for channel in range(rows.shape[1])
                      for each in [_by_window(rows[:, channel:channel + 1], windows)]])
+
+
+def _residual_at(mean: Array, offsets: Array, rows: tuple[Array, Array, Array]) -> Array:
+    """Return the residual, (m, N), with values and parts at their posterior mean, (k + p,)."""
+    residual, jacobian, part_jacobian = rows
+    values, deviations = np.split(mean, [len(jacobian)])
+    return np.asarray(residual + np.tensordot(values - offsets, jacobian, 1)
+                      + np.tensordot(deviations, part_jacobian, 1))
 
 
 def _by_window(rows: Array, windows: int) -> Array:
@@ -142,12 +148,10 @@ def varying_cause_gain(statistics: SufficientStatistics, error_scale: Array,
         For each cause, the values that are its sizes and zero elsewhere, (k,).
 
     """
-    residual, jacobian, part_jacobian = rows
+    _, jacobian, part_jacobian = rows
     joint = statistics.joint_marginal(error_scale)
     weight = 1.0 / (TEMPER * error_scale[:, None]**2)
-    values, deviations = np.split(joint.mean, [len(jacobian)])
-    at_mean = residual + np.tensordot(values - statistics.offsets, jacobian, 1) + np.tensordot(
-        deviations, part_jacobian, 1)
+    at_mean = _residual_at(joint.mean, statistics.offsets, rows)
     found = []
     for size in sizes:
         response = np.tensordot(size, jacobian, 1)
