@@ -9,11 +9,13 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction import filter_run
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.steady_filter import (
     predicted_covariance,
     steady_filter,
 )
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -159,3 +161,19 @@ def test_a_mode_that_no_output_shows_has_no_steady_filter(growth: float) -> None
     assert shown == pytest.approx(solve_discrete_are(f[0].T, c.T, np.eye(2), np.eye(1)), rel=1e-12)
     with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
         predicted_covariance(f, np.eye(2), c)
+
+
+@pytest.mark.parametrize(('hidden', 'kept'), [
+    ('motor_lag:joint_1:time_constant_s=0.01', True), ('modal_damping:link_1:factor=1.5', True),
+    ('payload_mass:arm:deviation_kg=0.03', False),
+    ('angle_offset:joint_2:offset_rad=0.01', False)])
+def test_forces_are_kept_where_what_they_depend_on_is_equal(hidden: str, kept: bool) -> None:
+    plain, base = predictor(simulated(duration=14.0), locked=False), nominal_base(
+        REFERENCE, 'assumed_modes', 2)
+    p = Predictor(base, plain.windows, plain.noise)
+    arm = p.arm_with(effects(hidden))
+    run, anew = (FilterRun(p, arm, p.matrices, p.used_samples, 1, like)
+                 for like in (p.own_run, None))
+    np.testing.assert_array_equal(run.drive, anew.drive)
+    assert len(p.own_run.pushes) == 2
+    assert all((run.pushes[k] is push) == kept for k, push in p.own_run.pushes.items())
