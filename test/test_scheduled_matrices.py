@@ -48,6 +48,11 @@ def test_between_two_payloads_it_is_a_line() -> None:
         np.array([2.5, 1.0])[:, None, None] * alone.interpolated(alone.table))
 
 
+def test_an_angle_that_diverged_is_no_row_of_a_table() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
+        ScheduledMatrices.along(np.array([0.3, np.nan]), np.ones((2, 1)), NODES, _table()[None])
+
+
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
 def test_loops_blend_the_same() -> None:
     share = np.array([[0.25, 0.75]])

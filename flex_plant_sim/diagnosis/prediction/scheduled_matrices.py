@@ -62,7 +62,14 @@ class ScheduledMatrices:
         tables : Array
             Matrices at payloads and schedule nodes, (P, K, n + d, n).
 
+        Raises
+        ------
+        LinAlgError
+            An angle is not finite.
+
         """
+        if not np.isfinite(cosine).all():
+            raise np.linalg.LinAlgError('no finite prediction')
         below = np.floor(cosine / NODE_SPACING).astype(np.int64)
         place, first = cosine / NODE_SPACING - below, int(below.min())
         count, payloads = int(below.max()) - first + 2, len(tables)
