@@ -51,9 +51,9 @@ class TruthCase:
     All that a record is made from.
 
     `effects` are (identifier, parameters) in the truth's terms; payload_true and payload_told are
-    in kg; excitation is rich, rest or one_joint; spread says how far parts are off, good or told
-    (`truth.tolerances`); noise scales the sensors' noise (0: neither noise
-    nor quantisation); distractors are further effects, too small to be named; simulator makes the
+    in kg; excitation is rich, gentle, rest or one_joint; spread says how far parts are off, good
+    or told (`truth.tolerances`); noise scales the sensors' noise (0: neither noise nor
+    quantisation); distractors are further effects, too small to be named; simulator makes the
     record, and forms are those of the hidden effects (see `truth.forms`).
     """
 
@@ -116,9 +116,14 @@ def build_arm(case: TruthCase) -> Arm:
 
 
 def limit_excitation(arm: Arm, case: TruthCase) -> Arm:
-    """Return `arm` with set-points that rest, move one joint (drawn by the seed), or both."""
+    """Return `arm` with set-points that rest, move one joint (drawn by the seed), or gently."""
     if case.excitation == 'rich':
         return arm
+    if case.excitation == 'gentle':
+        stride, rise = arm.excitation.stride, arm.excitation.rise
+        return replace(arm, excitation=replace(
+            arm.excitation, stride=(0.25 * stride[0], 0.25 * stride[1]),
+            rise=(2.0 * rise[0], 2.0 * rise[1])))
     moving = {'rest': -1, 'one_joint': case.seed % 2}[case.excitation]
     reach = arm.excitation.reach
     kept = (reach[0] * (moving == 0), reach[1] * (moving == 1))

@@ -139,7 +139,7 @@ class ModeCompetition:
         if excited:
             self._begin_trials(incumbent, sample.time)
             self._pass = self._pass or self._next_pass(incumbent)
-            if transitions.relinearisation_due(incumbent):
+            if transitions.relinearisation_due(incumbent) and not now.window_holds_all:
                 incumbent = relinearised(incumbent, self.stepper)
                 self._drop_walks()
         return incumbent
@@ -288,7 +288,8 @@ class ModeCompetition:
         if f.passes < PASSES and not search:
             return gauss_newton_pass(f, window, stepper)
         if not due:
-            return None
+            again = transitions.relinearisation_due(f) and now.window_holds_all
+            return gauss_newton_pass(f, window, stepper) if again else None
         self._last_attempt = window.time_in_motion
         if search:
             return exact_search(f, window, stepper)
@@ -326,7 +327,7 @@ class ModeCompetition:
         for trial in self.trials:
             trial.log_ratio -= done.log_ratio(self.window, trial.since)
         done.store_log_densities(self.window)
-        last = best.passes == PASSES and not best.mode.free_parts
+        last = best.passes >= PASSES and not best.mode.free_parts
         return linearised_every_sample(best) if last else best
 
     def _drop_walks(self) -> None:

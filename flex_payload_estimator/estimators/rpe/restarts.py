@@ -169,7 +169,7 @@ def restarted_at(f: Filter, first: Sample, loads: Loads, rested: Filter | None,
         beta[CORIOLIS] = new.reference[CORIOLIS]
     beta_cov = prior.covariance(RESTART_PAYLOAD_STD * (beta[MASS] + stepper.schedule.soft_mass))
     new = _restarted(new, f, new.x, beta, beta_cov, 0.0, stepper)
-    new.passes, new.log_likelihood = f.passes + 1, 0.0
+    new.passes, new.log_likelihood, new.age_linearised = f.passes + 1, 0.0, f.age
     begin_at(new, first, loads, rested, stepper)
     return new
 

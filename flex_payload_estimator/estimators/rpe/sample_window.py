@@ -87,6 +87,10 @@ class SampleWindow:
         """Return the sample of a number."""
         return self._samples[number - self.first]
 
+    def newest(self, count: int) -> list[StoredSample]:
+        """Return the last samples, oldest first."""
+        return self._samples[max(len(self._samples) - count, 0):]
+
     def noise_has_risen(self, f: Filter, since: float) -> bool:
         """Tell whether a filter states NOISE_RATIO times the noise variance of a time, s."""
         later = bisect_right(self._samples, since, key=lambda stored: stored.sample.time)

@@ -14,7 +14,8 @@ incumbent comes from start.py.
 | `coarse` | `rough`, begun anew | trial 'mode' | from_coarse_to_rough |
 | `rough` | `exact` | window pass | to_exact |
 | any | the same, linearised about what it found | window pass | gauss_newton_pass |
-| `rough` | the same, linearised about its estimate | at once | relinearisation_due |
+| `rough` | the same, linearised about what it found | window pass | relinearisation_due |
+| `rough`, where the window does not hold all | the same, about its estimate | at once | the same |
 
 A walking payload and a model with more freedom explain the same misfit. Either may become true at
 any time, so its log-likelihood ratio counts from when it was best to begin (Page's cumulative
@@ -56,7 +57,9 @@ FREER_MODE_S = 0.2
 # Length of a trial of another mode, s.
 TRIAL_S = 2.0
 # `exact` is sought, and `rough` linearised, again whenever the time in motion has grown by this
-# ratio: what either costs is then a fixed share of the samples, however long the log.
+# ratio: what either costs is then a fixed share of the samples, however long the log. Three passes
+# soon after the start have not converged where the arm moves gently: `rough` learns again what the
+# window holds (elements, a quarter of the strides: docs/estimators.md).
 AGAIN_RATIO = 2.0
 
 
@@ -87,6 +90,12 @@ class Situation(NamedTuple):
     constant_s: float
     threshold: float
     prior: Prior
+
+    @property
+    def window_holds_all(self) -> bool:
+        """Tell whether all that the arm did, and that the incumbent learnt, is in the window."""
+        before = max(self.time_in_motion, self.incumbent.age) - self.window.time_in_motion
+        return before <= FIRST_PASS_S
 
 
 def wins(trial: Trial, now: Situation) -> bool:
@@ -123,7 +132,7 @@ def _fits_otherwise(now: Situation) -> bool:
         return now.time_in_motion >= MODES_OPEN_S
     if f.mode.name == ROUGH.name:
         # While it is not linearised about what it finds, its errors look like a change.
-        return f.passes == PASSES
+        return f.passes >= PASSES
     # Nothing has more freedom than `coarse`, and its model error hides that of its linearisation.
     return f.passes > 0
 
@@ -195,7 +204,7 @@ def to_exact(done: WindowPass, now: Situation) -> bool:
     """
     best, free = done.best.kalman, done.filters[-1].kalman
     return not best.mode.free_parts and reduced_chi_square(best.statistics) <= POOR_FIT \
-        and (now.time_in_motion - now.window.time_in_motion <= FIRST_PASS_S
+        and (now.window_holds_all
              or now.prior.log_odds_of_exact(free.beta, free.beta_cov) > now.threshold)
 
 
@@ -235,7 +244,7 @@ def exact_trials(now: Situation) -> list[Trial]:
 def exact_trial_is_compared(trial: Trial, now: Situation) -> bool:
     """Tell whether an exact model leads free parts, or its trial and their passes are over."""
     return trial.log_ratio > now.threshold \
-        or now.incumbent.passes == PASSES and trial.counted >= TRIAL_S
+        or now.incumbent.passes >= PASSES and trial.counted >= TRIAL_S
 
 
 def exact_attempt_is_due(now: Situation, last_attempt: float) -> bool:

@@ -119,18 +119,18 @@ class WindowPass:
 
     def log_ratio(self, window: SampleWindow, since: float) -> float:
         """Return the log-likelihood ratio of the best over the incumbent after a time, s."""
-        total = 0.0
-        for number, log_density in enumerate(reversed(self.best.log_densities), 1):
-            stored = window[window.end - number]
-            if stored.sample.time <= since:
-                break
-            total += log_density - stored.log_density
-        return total
+        return sum(log_density - stored.log_density for log_density, stored in self._learnt(window)
+                   if stored.sample.time > since)
 
     def store_log_densities(self, window: SampleWindow) -> None:
         """Make the log-likelihoods of the best those of the window's incumbent."""
-        for number, log_density in enumerate(reversed(self.best.log_densities), 1):
-            window[window.end - number].log_density = log_density
+        for log_density, stored in self._learnt(window):
+            stored.log_density = log_density
+
+    def _learnt(self, window: SampleWindow) -> list[tuple[float, StoredSample]]:
+        """Return what the best made of the window's samples; others may be dropped by now."""
+        densities = self.best.log_densities[-(window.end - window.first):]
+        return list(zip(densities, window.newest(len(densities))))
 
     @staticmethod
     def _learn(candidate: PassFilter, stored: StoredSample, stepper: FilterStep) -> None:
