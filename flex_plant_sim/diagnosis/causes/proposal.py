@@ -7,7 +7,7 @@ information is a first guess of detection limits.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -15,7 +15,6 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity, TIMES_A_PERIOD
 from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
-from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
 # Starts of a proposal at most, the best first; probed values it offers to start from at most, and
@@ -108,9 +107,9 @@ class ProposalScorer:
     def propose(self, hypothesis: Hypothesis, sensitivities: Sequence[Sensitivity]) -> Proposal:
         """Return the proposal of a hypothesis, from all its shapes and probed sizes."""
         groups: dict[tuple[float, ...], list[_StartPoint]] = {}
-        for sensitivity, products in zip(sensitivities, self._products(sensitivities)):
-            groups.setdefault(tuple(sensitivity.deviation), []).extend(
-                self._start_points(hypothesis, sensitivity, products))
+        for sensitivity, points in zip(sensitivities,
+                                       self._start_points(hypothesis, sensitivities)):
+            groups.setdefault(tuple(sensitivity.deviation), []).extend(points)
         points = sorted((p for group in groups.values() for p in group), key=lambda p: -p.gain)
         # Of an event's times the best one for each size: its neighbours lead to the same fit.
         apart = points if hypothesis.event_index is None else sorted(
@@ -124,64 +123,70 @@ class ProposalScorer:
             np.array([np.quantile([p.information[first] for p in group], 0.25)
                       for group in groups.values()]))
 
-    def _products(self, sensitivities: Sequence[Sensitivity]) -> list[tuple[Array, Array]]:
-        """Return each Hessian (s, s) and gradient (s,), causes and parts integrated out."""
+    def _products(self, sensitivities: Sequence[Sensitivity]) -> tuple[Array, Array]:
+        """Return Hessians (S, s, s) and gradients (S, s), causes and parts integrated out."""
         changes = np.stack([sensitivity.changes for sensitivity in sensitivities]) * self.weight
         with_rows = (changes @ self.rows.T).astype(float)
         own = np.matmul(changes, changes.transpose(0, 2, 1)).astype(float)
         projected = with_rows[..., 1:] @ self.projection.T
         gradient = with_rows[..., 0] - projected @ self.projected_residual
-        return list(zip(own - projected @ projected.transpose(0, 2, 1), gradient))
+        return own - projected @ projected.transpose(0, 2, 1), gradient
 
-    def _start_points(self, hypothesis: Hypothesis, sensitivity: Sensitivity,
-                      products: tuple[Array, Array]) -> list[_StartPoint]:
-        """Return the linear optimum of the sizes at a shape, and the probed size if it is one."""
-        sizes, shape = np.flatnonzero(hypothesis.is_size), sensitivity.shape
-        deviation, prior = sensitivity.deviation[sizes], hypothesis.prior(self.duration)
-        width, centre = prior.width[sizes], (prior.centre - shape)[sizes]
-        hessian = products[0] / deviation[:, None] / deviation
-        gradient = products[1] / deviation
+    def _start_points(self, hypothesis: Hypothesis, sensitivities: Sequence[Sensitivity]
+                      ) -> Iterator[list[_StartPoint]]:
+        """Yield of each shape the optimum of its sizes, and the probed size if it is one."""
+        sizes, prior = np.flatnonzero(hypothesis.is_size), hypothesis.prior(self.duration)
+        shapes = np.stack([sensitivity.shape for sensitivity in sensitivities])
+        deviation = np.stack([sensitivity.deviation for sensitivity in sensitivities])[:, sizes]
+        width, centre = prior.width[sizes], (prior.centre - shapes)[:, sizes]
+        hessian, gradient = self._products(sensitivities)
+        hessian = hessian / deviation[:, :, None] / deviation[:, None]
+        gradient = gradient / deviation
         # Two sizes may do the same so strongly that rounding leaves nothing of the prior's one.
         values, vectors = np.linalg.eigh(np.eye(sizes.size) + width[:, None] * hessian * width)
-        values = np.maximum(values, max(1.0, ROUNDING * values[-1]))
-        scaled = vectors.T @ (centre / width - width * gradient) / values
-        low, high = (bound[sizes] for bound in _reach(hypothesis, sensitivity))
-        best = np.clip(width * (vectors @ scaled), low, high)
-        occam = 0.5 * float(np.sum(np.log(values)))
-        information = np.zeros(shape.size)
-        information[sizes] = np.diagonal(hessian)
+        values = np.maximum(values, np.maximum(1.0, ROUNDING * values[:, -1:]))
+        slope = (centre / width - width * gradient)[:, None]
+        scaled = (slope @ vectors)[:, 0] / values
+        best = np.clip(width * (vectors @ scaled[..., None])[..., 0],
+                       *_reach(hypothesis, shapes[:, sizes], deviation))
+        occam = 0.5 * np.sum(np.log(values), axis=1)
+        information = np.zeros_like(shapes)
+        information[:, sizes] = np.diagonal(hessian, axis1=1, axis2=2)
 
-        def gain(change: Array) -> float:
+        def starts(change: Array, probed: bool) -> list[_StartPoint]:
             from_centre = (change - centre) / width
-            return -float(gradient @ change + 0.5 * change @ hessian @ change
-                          + 0.5 * from_centre @ from_centre) - occam
+            curved = (hessian @ change[..., None])[..., 0]
+            gain = -np.sum((gradient + 0.5 * curved) * change + 0.5 * from_centre**2, axis=1)
+            at = shapes.copy()
+            at[:, sizes] += change
+            return [_StartPoint(*point, probed)
+                    for point in zip((gain - occam).tolist(), occam.tolist(), at, information)]
 
-        found = [_StartPoint(gain(best), occam, _with_sizes(shape, sizes, best), information,
-                             False)]
+        found = [starts(best, False)]
         if sizes.size == 1:
-            found.append(_StartPoint(gain(deviation), occam,
-                                     _with_sizes(shape, sizes, deviation), information, True))
-        return found
+            found.append(starts(deviation, True))
+        return map(list, zip(*found))
 
 
-def _reach(hypothesis: Hypothesis, sensitivity: Sensitivity) -> tuple[Array, Array]:
+def _reach(hypothesis: Hypothesis, null: Array, deviation: Array) -> tuple[Array, Array]:
     """
-    Return the least and largest deviations, (k,), up to which a probe tells what sizes change.
+    Return the least and largest deviations up to which probes tell what sizes change, (S, s).
 
     They are those of the next probes, and null, of one size whose effect is not linear. Far from a
     probe its change says little: a share of what a delay of 80 ms changes looks like one of 3 ms
     that averages noise away, and promised 12 nats where that costs 9.
     """
-    low, high = hypothesis.low - sensitivity.shape, hypothesis.high - sensitivity.shape
-    sizes = np.flatnonzero(hypothesis.is_size)
-    if hypothesis.effect.linear or sizes.size > 1:
+    is_size = hypothesis.is_size
+    low, high = hypothesis.low[is_size] - null, hypothesis.high[is_size] - null
+    if hypothesis.effect.linear or null.shape[1] > 1:
         return low, high
-    probes = {float(deviation[sizes[0]]) for deviation in hypothesis.probe_deviations()}
+    probes = {float(probe[is_size][0]) for probe in hypothesis.probe_deviations()}
     sides = {math.copysign(1.0, probe) for probe in probes}
-    here = float(sensitivity.deviation[sizes[0]])
     known = {*probes, 0.0} if len(sides) > 1 else probes
-    low[sizes] = max((x for x in known if x < here), default=low[sizes[0]])
-    high[sizes] = min((x for x in known if x > here), default=high[sizes[0]])
+    for here in np.unique(deviation):
+        rows = deviation[:, 0] == here
+        low[rows] = max((x for x in known if x < here), default=low[rows])
+        high[rows] = min((x for x in known if x > here), default=high[rows])
     return low, high
 
 
@@ -191,10 +196,3 @@ def _probed(groups: Iterable[Sequence[_StartPoint]]) -> list[_StartPoint]:
     first = [points[0] for points in ranked if points]
     others = sorted((p for points in ranked for p in points[1:]), key=lambda p: -p.gain)
     return first + others[:max(MAX_PROBE_STARTS - len(first), 0)]
-
-
-def _with_sizes(shape: Array, sizes: Indices, change: Array) -> Array:
-    """Return values (k,) of a shape with its sizes changed from null."""
-    values = shape.copy()
-    values[sizes] += change
-    return values
