@@ -9,9 +9,10 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.free_run import free_run
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
-from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.diagnosis.record.windows import Indices, Record, Windows
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.csv_log import write_csv
@@ -59,6 +60,13 @@ def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REF
     noise = np.maximum(measurement_noise(record.output), 1e-9)
     base = BaseModel(robot, effects=tuple(assumed), noise_shares=noise_shares)
     return Predictor(base, cut[1 if locked else 0], noise)
+
+
+def free_run_errors(p: Predictor, starts: Indices, steps: int) -> Array:
+    """Return measured minus simulated over free runs, (steps, S, m); NaN beyond the end."""
+    rows = np.minimum(starts + np.arange(steps)[:, None], len(p.record.time) - 1)
+    found: Array = p.record.output[rows] - free_run(p, starts, steps)
+    return found
 
 
 def write(record: Record, path: Path, robot: Robot = REFERENCE) -> Path:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.free_run import errors, free_run, start_instants
+from flex_plant_sim.diagnosis.prediction.free_run import free_run, start_instants
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 import pytest
-from simulated_records import effects, predictor, simulated
+from simulated_records import effects, free_run_errors, predictor, simulated
 
 EXTENSIONS = {
     'nothing': (),
@@ -59,7 +59,7 @@ def test_runs_end_with_the_record() -> None:
     record = simulated(duration=24.0)
     p = predictor(record)
     last = len(record.time) - 5
-    found = errors(p, np.array([last]), 8)
+    found = free_run_errors(p, np.array([last]), 8)
     assert np.all(np.isfinite(found[:5]))
     assert np.all(np.isnan(found[5:]))
 
@@ -74,8 +74,8 @@ def test_first_output_is_the_one_step_prediction() -> None:
 def test_a_true_model_without_noise_runs_free_without_error() -> None:
     hidden = effects('coulomb_friction:joint_2:level_n_m=0.4')
     record = simulated(hidden, noise=0.0)
-    right = errors(predictor(record, hidden), np.array([1200]), 100)
-    wrong = errors(predictor(record), np.array([1200]), 100)
+    right = free_run_errors(predictor(record, hidden), np.array([1200]), 100)
+    wrong = free_run_errors(predictor(record), np.array([1200]), 100)
     assert np.max(np.abs(right[..., :2])) < 0.02 * np.max(np.abs(wrong[..., 1]))
 
 

@@ -13,12 +13,19 @@ from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction import latent_view
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_errors, start_instants
+from flex_plant_sim.diagnosis.prediction.free_run import horizon_errors, start_instants
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 import pytest
-from simulated_records import effects, predictor, REFERENCE, simulated, SLOWEST
+from simulated_records import (
+    effects,
+    free_run_errors,
+    predictor,
+    REFERENCE,
+    simulated,
+    SLOWEST,
+)
 
 # Forward and backward level of two sizes, a contact.
 UNEVEN = 'asymmetric_friction:joint_1'
@@ -85,7 +92,7 @@ def test_information_takes_the_first_size_alone_and_null_once(likelihood: Likeli
 def test_only_the_ends_of_horizons_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     p, read = predictor(simulated(duration=24.0), locked=False), list[Array]()
     plain = ExtendedArm.output
-    expected = errors(p, start_instants(int(p.windows.starts[0]), int(
+    expected = free_run_errors(p, start_instants(int(p.windows.starts[0]), int(
         p.windows.starts[-1]) + p.windows.length), 100)
 
     def counted(arm: ExtendedArm, state: Array, time: Any) -> Array:

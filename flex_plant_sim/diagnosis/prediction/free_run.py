@@ -51,26 +51,31 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
         Predicted outputs, (steps, S, m); NaN beyond the end of the record.
 
     """
-    found = _free_outputs(predictor, starts, range(steps))
+    found = _free_outputs(predictor, starts, range(steps), len(predictor.record.time))
     return np.array(list(found.values())).reshape(steps, len(starts), predictor.noise.size)
 
 
-def _free_outputs(predictor: Predictor, starts: NDArray[np.int_], wanted: Collection[int]
-                  ) -> dict[int, Array]:
-    """Return the outputs of free runs after the steps that are wanted, by step: (S, m)."""
+def _free_outputs(predictor: Predictor, starts: NDArray[np.int_], wanted: Collection[int],
+                  stop: int) -> dict[int, Array]:
+    """Return outputs of free runs at wanted steps, by step: (S, m); NaN from sample `stop` on."""
     record, base = predictor.record, predictor.base
     arm = base.arm(record.payload)
     payload, table = payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
     command = drive_command(arm, record)[:, 0]
     n, order = arm.states, arm.form.order
-    state, found = predictor.states[starts], dict[int, Array]()
+    state, going = predictor.states[starts], np.arange(len(starts))
+    found = {k: np.full((len(starts), predictor.noise.size), np.nan) for k in sorted(wanted)}
     with np.errstate(all='ignore'):
         for k in range(max(wanted, default=-1) + 1):
-            rows = np.minimum(starts + k, len(record.time) - 1)
+            left = starts[going] + k < stop
+            if not left.all():
+                state, going = state[left], going[left]
+            if not going.size:
+                break
+            rows = starts[going] + k
             time = record.time[rows]
-            if k in wanted:
-                inside = (starts + k < len(record.time))[:, None]
-                found[k] = np.where(inside, arm.output(state, time), np.nan)
+            if k in found:
+                found[k][going] = arm.output(state, time)
             angle = barycentric_weights(np.cos(state[:, :order] @ arm.form.elbow_angle), arm.nodes)
             both = (payload[rows][:, :, None] * angle[:, None, :]).reshape(len(rows), -1)
             matrices = (both @ table).reshape(len(rows), n, -1)
@@ -80,11 +85,16 @@ def _free_outputs(predictor: Predictor, starts: NDArray[np.int_], wanted: Collec
     return found
 
 
-def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
-    """Return measured minus simulated over free runs, (steps, S, m); NaN beyond the end."""
-    simulated = free_run(predictor, starts, steps)
-    rows = np.minimum(starts + np.arange(steps)[:, None], len(predictor.record.time) - 1)
-    return predictor.record.output[rows] - simulated
+def end_errors(predictor: Predictor, starts: NDArray[np.int_], lengths: Collection[int],
+               stop: int) -> dict[int, Array]:
+    """
+    Return measured minus simulated at the ends of free runs, by their length in samples: (S, m).
+
+    Runs that would end after sample `stop`, exclusive, are left out.
+    """
+    simulated = _free_outputs(predictor, starts, [k - 1 for k in lengths], stop)
+    return {k: predictor.record.output[starts[inside] + k - 1] - simulated[k - 1][inside]
+            for k in lengths for inside in [starts + k <= stop]}
 
 
 def horizon_samples(horizon: float, sample_time: float) -> int:
@@ -113,10 +123,8 @@ def horizon_errors(predictor: Predictor, horizons: Sequence[float], count: int =
     samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
     kept = {h: k for h, k in samples.items()
             if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
-    # Of long runs only the ends of the horizons are compared.
-    simulated = _free_outputs(predictor, starts, [k - 1 for k in kept.values()])
-    return {h: predictor.record.output[starts[inside] + k - 1] - simulated[k - 1][inside]
-            for h, k in kept.items() for inside in [starts + k <= stop]}
+    found = end_errors(predictor, starts, set(kept.values()), stop)
+    return {h: found[k] for h, k in kept.items()}
 
 
 def window_rows(predictor: Predictor) -> tuple[int, int]:

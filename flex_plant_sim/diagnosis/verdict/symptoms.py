@@ -12,7 +12,11 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction import free_run
-from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.prediction.free_run import (
+    end_errors,
+    horizon_samples,
+    start_instants,
+)
 from flex_plant_sim.diagnosis.prediction.latent_series import REST_SPEED_SHARE
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
@@ -261,9 +265,9 @@ def drift(predictor: Predictor,
           horizon: float = DRIFTED) -> tuple[NDArray[np.int_], Array]:
     """Return the middle samples of short free runs, (S,), and the errors at their ends, (S, m)."""
     samples = horizon_samples(horizon, predictor.base.robot.sample_time)
-    starts = start_instants(predictor.windows.warm_up, len(predictor.record.time) - samples,
-                            SHORT_STARTS)
-    final = errors(predictor, starts, samples)[-1]
+    count = len(predictor.record.time)
+    starts = start_instants(predictor.windows.warm_up, count - samples, SHORT_STARTS)
+    final = end_errors(predictor, starts, [samples], count)[samples]
     return starts + samples // 2, _zero_if_diverged(final)
 
 
@@ -283,8 +287,8 @@ def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],
         if not fitting:
             continue
         starts = start_instants(p.windows.warm_up, count - min(fitting.values()))
-        error = errors(p, starts, max(fitting.values()))
+        ends = end_errors(p, starts, set(fitting.values()), count)
         for h, k in fitting.items():
-            found.setdefault(h, []).append(error[k - 1][starts + k <= count])
+            found.setdefault(h, []).append(ends[k])
     with np.errstate(over='ignore', invalid='ignore'):
         return {h: np.sqrt(np.mean(np.vstack(e)**2, axis=0)) for h, e in found.items()}
