@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 import json
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ from scipy.signal import bilinear, lfilter
 from scipy.stats import norm
 from truth.effects.hidden_effect import Parameters
 from truth.records import FINITE_ELEMENTS, make_record, TruthCase
+from truth.records import Record as TrueRecord
 
 # What is hidden beside, and what imitates a brake.
 ASKED = ('strain_gain', 'viscous_friction', 'actuator_gain', 'modal_damping', 'coulomb_friction',
@@ -134,9 +136,15 @@ def test_a_joint_that_moves_in_every_fifth_stretch_has_a_law() -> None:
     assert law.stated and law.variable == 'speed'
 
 
+@cache
+def braked_record() -> TrueRecord:
+    """Return the record of a braked arm of elements."""
+    return make_record(TruthCase(93, (BRAKE,), duration_s=15.0, simulator=FINITE_ELEMENTS))
+
+
 def braked_data(base: BaseModel, amplifier: Callable[[Array], Array] = np.asarray) -> Data:
     """Return the windows of a braked arm of elements, whose strain passes an amplifier."""
-    made = make_record(TruthCase(93, (BRAKE,), duration_s=15.0, simulator=FINITE_ELEMENTS))
+    made = braked_record()
     record = Record('braked', made.time, made.command,
                     np.hstack([made.joint, amplifier(made.strain)]), 0.1)
     return Data.of([record], slowest_frequency(base, record.payload), base.robot.sample_time)

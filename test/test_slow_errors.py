@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, latent_view
@@ -14,19 +15,25 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from truth.records import make_record, TruthCase
+from truth.records import Record as TrueRecord
 
 ROBOT = load_robot('reference')
 BASE = nominal_base(ROBOT, 'assumed_modes', 3)
-TRUTH = make_record(TruthCase(9101))
 # Columns of one gauge of each link.
 COLUMN = {'strain_1a': 0, 'strain_2b': 3}
 
 
+@cache
+def truth() -> TrueRecord:
+    """Return the record; every worker imports this file, one runs it."""
+    return make_record(TruthCase(9101))
+
+
 def data_with(gauge: str, zero: np.ndarray) -> Data:
     """Return the record with a gauge's zero that moves, (N,)."""
-    strain = TRUTH.strain.copy()
+    strain = truth().strain.copy()
     strain[:, COLUMN[gauge]] += zero
-    record = Record('', TRUTH.time, TRUTH.command, np.hstack([TRUTH.joint, strain]), 0.1)
+    record = Record('', truth().time, truth().command, np.hstack([truth().joint, strain]), 0.1)
     return Data.of([record], slowest_frequency(BASE, 0.1), ROBOT.sample_time)
 
 
@@ -38,11 +45,11 @@ def finding_of(gauge: str, zero: np.ndarray) -> Finding:
 @pytest.mark.parametrize('gauge', COLUMN)
 def test_a_zero_that_wanders_is_a_law_over_time(gauge: str) -> None:
     """By 4 % of the rms strain: less than a law over the strain needs, that a model may have."""
-    size = 0.04 * np.std(TRUTH.strain[:, COLUMN[gauge]])
-    wave = np.sqrt(2.0) * size * np.sin(2.0 * np.pi * 0.05 * TRUTH.time)
+    size = 0.04 * np.std(truth().strain[:, COLUMN[gauge]])
+    wave = np.sqrt(2.0) * size * np.sin(2.0 * np.pi * 0.05 * truth().time)
     found, right = finding_of(gauge, wave), finding_of(gauge, 0.0 * wave)
     assert found.law.stated and found.law.variable == TIME and found.has_shape_of_no_effect
-    curve = found.law.at(TRUTH.time[found.series.scored])
+    curve = found.law.at(truth().time[found.series.scored])
     # Few knots round it off.
     assert np.std(curve - wave[found.series.scored]) < 0.5 * size
     assert not right.law.stated and not right.has_shape_of_no_effect
@@ -54,13 +61,13 @@ def test_a_zero_that_wanders_is_a_law_over_time(gauge: str) -> None:
 def test_a_drift_is_a_law_over_time(gauge: str, size: float,
                                     shape: Callable[[np.ndarray], np.ndarray]) -> None:
     """It grows to 120 and 40 times the gauge's noise, a quarter of its rms strain."""
-    found = finding_of(gauge, size * shape(TRUTH.time))
+    found = finding_of(gauge, size * shape(truth().time))
     assert found.law.variable == TIME and found.has_shape_of_no_effect
 
 
 def test_an_error_that_goes_with_the_motion_is_no_law_over_time() -> None:
     """A gauge may show 5 % too much, which no slow error does."""
-    found = finding_of('strain_1a', 0.05 * TRUTH.strain[:, 0])
+    found = finding_of('strain_1a', 0.05 * truth().strain[:, 0])
     assert not found.has_shape_of_no_effect
 
 
