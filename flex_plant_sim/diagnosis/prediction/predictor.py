@@ -205,14 +205,14 @@ class Predictor:
         errors, matrices = self._one_step_errors(
             arm, effects, robot, corrected=warm_up if open_loop else None)
         errors, rows = errors[warm_up:], self.window_rows[warm_up:]
-        sensors, time = self._sensors_of(arm), self.record.time[self.used_samples[rows]][..., None]
+        sensors, samples = self._sensors_of(arm), self.used_samples[rows]
         if whitening is not None:
             residual = errors if open_loop else output_error(
                 matrices, arm.output_matrix, errors, rows)
-            residual = shifted(sensors.reading_of_error(residual, time), -arm.late)
+            residual = shifted(sensors.reading_of_error(residual, samples), -arm.late)
             errors = whitening.whitened(residual, rows)
         else:
-            errors = sensors.reading_of_error(errors, time)
+            errors = sensors.reading_of_error(errors, samples)
         errors = errors.transpose(2, 1, 0, 3)
         return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 

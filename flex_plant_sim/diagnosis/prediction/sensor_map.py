@@ -36,35 +36,44 @@ class SensorMap:
         """Return outputs without the affine sensor effects and delays, (N, 1 or B, m)."""
         return shifted(self._without_sensor_effects, self.arm.late)
 
-    def reading_of_error(self, error: Array, time: Array) -> Array:
-        """Return what the sensor effects make of errors (…, 1 or B, m) at times (…, 1)."""
+    def reading_of_error(self, error: Array, rows: Indices) -> Array:
+        """Return what the sensor effects make of errors (…, 1 or B, m) at samples (…,)."""
         if not self.arm.acts_on_output:
             return error
-        _, gains = self._constant
-        if gains is None:
-            return self.arm.sense(error, time) - self.arm.sense(np.zeros_like(error), time)
-        return np.asarray(np.einsum('bij,...bj->...bi', gains, error), dtype=float)
+        _, gains, own = self._affine
+        if own is not None:
+            return np.asarray((own[0] if len(own) == 1 else own[rows]) * error, dtype=float)
+        if len(gains) == 1:
+            return np.asarray(np.einsum('bij,...bj->...bi', gains[0], error), dtype=float)
+        return np.asarray((gains[rows] @ error[..., None])[..., 0], dtype=float)
 
     @property
     def _without_sensor_effects(self) -> Array:
         measured = self.record.output[:, None, :]
         if not self.arm.acts_on_output:
             return measured
-        offsets, gains = self._constant
-        if offsets is None or gains is None:
-            offsets, gains = self._affine_at(self.record.time)
-        apart, own = measured - offsets, np.diagonal(gains, axis1=-2, axis2=-1)
-        if np.count_nonzero(gains) == np.count_nonzero(own):
+        offsets, gains, own = self._affine
+        apart = measured - offsets
+        if own is not None:
             return np.asarray(apart / own, dtype=float)
         return np.asarray(np.linalg.solve(gains, apart[..., None])[..., 0], dtype=float)
 
     @cached_property
-    def _constant(self) -> tuple[Array | None, Array | None]:
-        """Return offsets (B, m) and gains (B, m, m); None for what changes during the record."""
+    def _affine(self) -> tuple[Array, Array, Array | None]:
+        """
+        Return offsets (1 or N, 1 or B, m) and gains (…, m, m), one for all samples if constant.
+
+        And the gains' diagonals, (…, m), if they have nothing beside; else None.
+        """
         time = self.record.time
         offsets, gains = self._affine_at(time[[0, len(time) // 2, -1]])
-        return (None if np.ptp(offsets, axis=0).any() else offsets[0],
-                None if np.ptp(gains, axis=0).any() else gains[0])
+        if np.ptp(offsets, axis=0).any() or np.ptp(gains, axis=0).any():
+            offsets, gains = self._affine_at(time)
+        else:
+            offsets, gains = offsets[:1], gains[:1]
+        own = np.diagonal(gains, axis1=-2, axis2=-1)
+        crossing = np.count_nonzero(gains) > np.count_nonzero(own)
+        return offsets, gains, None if crossing else own
 
     def _affine_at(self, time: Array) -> tuple[Array, Array]:
         """Return offsets (T, 1 or B, m) and gains (…, m, m) at times (T,)."""
