@@ -262,12 +262,16 @@ def payload_tables(arm: ExtendedArm, time: Array) -> tuple[Array, Array]:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
     nodes = np.unique([mass.min(), mass.max()])
     if nodes.size == 1:
-        # The arm itself keeps its schedule, which its steady filter needs as well.
-        loaded = arm if nodes[0] == arm.payload else arm.at_payload(float(nodes[0]))
-        return np.ones((len(time), 1)), loaded.schedule.table[None]
+        return np.ones((len(time), 1)), _table_at(arm, float(nodes[0]))[None]
     if np.any((mass > nodes[0]) & (mass < nodes[1])):
         nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
-    tables = [arm.at_payload(float(m)).schedule.table for m in nodes]
+    tables = [_table_at(arm, float(m)) for m in nodes]
     share = np.linalg.solve(np.vander(nodes, increasing=True).T,
                             np.vander(mass, nodes.size, increasing=True).T).T
     return share, np.array(tables)
+
+
+def _table_at(arm: ExtendedArm, payload: float) -> Array:
+    """Return the schedule's table with a payload, kg."""
+    # The arm itself keeps its schedule, which its steady filter needs as well.
+    return (arm if payload == arm.payload else arm.at_payload(payload)).schedule.table
