@@ -21,19 +21,17 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
 # Test files that take more than some seconds, the longest first.
 LONGEST = (
-    'test_style.py', 'test_causes.py', 'test_late_event.py', 'test_laws.py',
-    'test_documented_commands.py', 'test_bank_quick.py', 'test_fleet.py', 'test_truth.py',
-    'test_constants.py', 'test_demo.py', 'test_command_timing.py', 'test_nodes_processes.py',
-    'test_nodes_faults.py', 'test_colcon_build.py', 'test_rpe_robust.py',
-    'test_rpe_bent_arm.py', 'test_outputs.py', 'test_nodes_bad_samples.py', 'test_rpe_lost.py',
-    'test_rpe_pace.py', 'test_rpe.py', 'test_rpe_no_gauges.py', 'test_events.py',
-    'test_docs_site.py', 'test_causes_behind_parts.py', 'test_compiled.py',
-    'test_verdict_doubt.py', 'test_nodes_extended.py', 'test_diagnose_payload.py',
-    'test_figures.py', 'test_refined_fit.py', 'test_diagnose_predictor.py',
-    'test_rpe_misfit.py', 'test_rpe_zero.py', 'test_rate.py', 'test_bank_score.py',
-    'test_replay.py', 'test_diagnose_tool.py', 'test_latent_forces.py', 'test_attack.py',
-    'test_robot_scale.py', 'test_calibration.py', 'test_robot_check.py',
-    'test_rpe_transient.py')
+    'test_style.py', 'test_laws.py', 'test_causes.py', 'test_documented_commands.py',
+    'test_fleet.py', 'test_late_event.py', 'test_truth.py', 'test_command_timing.py',
+    'test_nodes_processes.py', 'test_bank_quick.py', 'test_refined_fit.py',
+    'test_verdict_doubt.py', 'test_outputs.py', 'test_demo.py', 'test_rpe_robust.py',
+    'test_rpe_bent_arm.py', 'test_nodes_faults.py', 'test_nodes_bad_samples.py', 'test_events.py',
+    'test_nodes_plant.py', 'test_constants.py', 'test_diagnose_tool.py', 'test_nodes_inputs.py',
+    'test_rpe_misfit.py', 'test_nodes_lockstep.py', 'test_log_hints.py', 'test_replay.py',
+    'test_robot_scale.py', 'test_effects_forms.py', 'test_bank_score.py', 'test_compiled.py',
+    'test_diagnose_predictor.py', 'test_colcon_build.py', 'test_latent_forces.py',
+    'test_rpe_zero.py', 'test_payload_beside.py', 'test_rpe_lost.py', 'test_attack.py',
+    'test_rpe.py', 'test_rate.py', 'test_nodes_messages.py')
 
 # As the tools do: the threads of OpenBLAS multiply the time of a plain `pytest` by five.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
