@@ -177,3 +177,14 @@ def test_forces_are_kept_where_what_they_depend_on_is_equal(hidden: str, kept: b
     np.testing.assert_array_equal(run.drive, anew.drive)
     assert len(p.own_run.pushes) == 2
     assert all((run.pushes[k] is push) == kept for k, push in p.own_run.pushes.items())
+
+
+def test_a_share_of_coriolis_forces_is_predicted_for_many_values_at_once() -> None:
+    """It ended in an array of no shape."""
+    full = predictor(simulated(duration=14.0), locked=False)
+    p, shares = Predictor(BaseModel(REFERENCE), full.windows, full.noise), (0.3, 1.0)
+    coriolis, = effects('coriolis_centripetal:arm:share=1')
+    both = p.innovations([replace(coriolis, values=(np.array(shares)[:, None],))])
+    each = [p.innovations([replace(coriolis, values=(share,))])[0] for share in shares]
+    np.testing.assert_allclose(both, each, rtol=1e-9, atol=1e-15)
+    assert np.abs(both[0] - both[1]).max() > 1e-5

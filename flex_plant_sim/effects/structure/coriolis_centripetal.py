@@ -44,9 +44,10 @@ class CoriolisCentripetal(Effect):
 
     def pushed_by(self, motion: Motion) -> Sequence[Any] | None:
         """Return all that `force` depends on; None for the paper's form."""
-        rows = self.rows(motion.form, motion.payload)
-        return None if rows is None else (
-            rows, motion.form.elbow_angle, motion.position, motion.velocity)
+        form = motion.form
+        return (self['share'], motion.payload, form.field[0, 1], form.field[1], root_row(form, 0),
+                root_row(form, 1), form.elbow_angle, motion.position, motion.velocity) \
+            if is_energy_form(form) else None
 
     def force(self, motion: Motion) -> Array:
         """Return the generalised force, (…, N)."""
