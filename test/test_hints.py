@@ -16,12 +16,14 @@ from flex_plant_sim.inputs.plausible import channel_hints
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.tools import replay
 from flex_plant_sim.tools.log_input import bending_angles, hints, read_logs
 from msg_config.errors import InputError
 import numpy as np
 import pytest
 from truth.assembly import assemble
-from truth.records import make_record, move, TruthCase
+from truth.records import draw_case, make_record, move, TruthCase
+from truth.tolerances import TOLD
 
 ROBOT = load_robot('reference')
 NAMES = ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a', 'strain_1b',
@@ -76,6 +78,36 @@ def test_only_what_is_wrong_with_a_channel_is_said(
     assert len(said) == len(channels)
     assert all(line.startswith(name) and line.endswith(words)
                for line, name in zip(said, channels))
+
+
+@pytest.mark.parametrize('columns, first, others', [
+    ((2, 4), 'joint_2', ()), ((1, 3), 'joint_1', ()),
+    ((2, 4, 7, 8), 'joint_2', NAMES[7:]),
+    # Its mirror image reads alike.
+    ((1, 3, 5, 6), 'joint_2', NAMES[7:])])
+def test_a_joint_that_is_counted_the_other_way_round_is_told_by_the_strain(
+        tmp_path: Path, columns: tuple[int, ...], first: str, others: tuple[str, ...]) -> None:
+    # Angle and command agree, and nothing was said of the first two.
+    said = hints(read(tmp_path / 'log.csv', inverted(*columns)), ROBOT)
+    assert [line.split(':')[0] for line in said] == [first, *others]
+    assert 'angle and command' in said[0] and 'are the signs of both inverted?' in said[0]
+
+
+@pytest.mark.parametrize('name', ['coulomb_friction', 'gear_compliance', 'payload_mass'])
+def test_an_arm_that_is_not_its_model_is_not_counted_the_other_way_round(name: str) -> None:
+    case = replace(draw_case(name, 1208001, duration_s=10.0), spread=TOLD)
+    record = make_record(case)
+    log = Log('x', record.time, record.command, record.joint, record.strain, NAMES[5:])
+    assert not any('other way round' in line for line in hints(log, ROBOT))
+
+
+def test_hints_are_of_an_arm_that_carries_what_is_told(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Links' gauges look exchanged with 0.3 kg, and with the file's 0.1 kg do not."""
+    read(tmp_path / 'log.csv', exchanged(5, 7), 0.3)
+    for told, said in (('0.1', False), ('0.3', True)):
+        assert replay.main([str(tmp_path / 'log.csv'), '--payload', told]) == 0
+        assert ('strain_1a and strain_2a look exchanged' in capsys.readouterr().err) == said
 
 
 @pytest.mark.parametrize('share, said', [(0.0, True), (0.5, False)])

@@ -92,11 +92,16 @@ def options() -> argparse.ArgumentParser:
     return parser
 
 
+def _told(arguments: argparse.Namespace, robot: Robot) -> Robot:
+    """Return the robot with the payload that the operator believes in."""
+    return command_line.carrying(robot, arguments.payload)
+
+
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
     """Diagnose, extend the model and measure the gain; write nothing."""
     records, nominal = prepared(
-        [Record.of(log, _told(arguments, robot)) for log in logs],
+        [Record.of(log, _told(arguments, robot).payload_mass) for log in logs],
         nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis))
     # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):
@@ -146,11 +151,6 @@ def progress_bar() -> Iterator[Progress]:
         yield show
 
 
-def _told(arguments: argparse.Namespace, robot: Robot) -> float:
-    """Return the payload that the operator believes in, kg."""
-    return robot.payload_mass if arguments.payload is None else float(arguments.payload)
-
-
 def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log],
                 every: int) -> dict[str, Any]:
     """Return the settings of the run, for report and JSON; one sample of `every` was used."""
@@ -160,7 +160,7 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
     return {
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
         'model': arguments.model, 'modes': arguments.modes,
-        'payload_told_kg': _told(arguments, robot),
+        'payload_told_kg': _told(arguments, robot).payload_mass,
         'coriolis': _coriolis(arguments, robot), 'excluded': list(arguments.exclude),
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': command_line.package_version()}
 
@@ -196,7 +196,7 @@ def _main(arguments: argparse.Namespace) -> None:
     check_arguments(arguments)
     robot = load_robot(arguments.robot)
     command_line.check_coriolis(arguments, robot)
-    logs = read_logs(arguments.log, robot, arguments.model, arguments.modes,
+    logs = read_logs(arguments.log, _told(arguments, robot), arguments.model, arguments.modes,
                      not arguments.no_coriolis)
     with progress_bar() as progress:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 import errno
 from functools import cache
 import gc
@@ -115,6 +116,11 @@ def check_coriolis(arguments: argparse.Namespace, robot: Robot) -> None:
         why = f'the robot file {robot.source} names these forces, which stay' \
             if arguments.model in WITH_CORIOLIS else f'--model {arguments.model} has none'
         raise InputError(f'--no-coriolis: expected a model with forces to leave out: {why}')
+
+
+def carrying(robot: Robot, payload: float | None) -> Robot:
+    """Return the robot with the payload that a user tells, kg; None if that is the file's."""
+    return robot if payload is None else replace(robot, payload_mass=payload)
 
 
 def add_json_argument(options: argparse.ArgumentParser) -> None:

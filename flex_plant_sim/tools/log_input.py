@@ -12,7 +12,14 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.summary import locked_modes
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
 from flex_plant_sim.effects.mechanics.kinematics import end_rotations
-from flex_plant_sim.inputs.plausible import channel_hints, SAMPLING_AGREES, WRONG_SCALE
+from flex_plant_sim.inputs.plausible import (
+    channel_hints,
+    inverted,
+    reversal_gain,
+    REVERSED,
+    SAMPLING_AGREES,
+    WRONG_SCALE,
+)
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log, stored_at
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -35,6 +42,7 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
     """
     Return a log, and print to stderr, one line each, what a user must know before trusting it.
 
+    The robot carries what the user says that it does, see command_line.carrying.
     This is what was done to read it, its origin if that is another model, joints faster than the
     models are checked for, links that bend further than they hold for, and channels whose unit or
     sign looks wrong in comparison with a simulation from the same commands; the log's notes hold
@@ -126,22 +134,54 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
     if len(part) < 3:
         return ()
     robot = replace(robot, sample_time=log.sample_time)
-    try:
-        with np.errstate(all='ignore'):
-            simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 1, None,
-                                              nominal_effects(robot)))
-            simulator.begin_at(part.joint[0])
-            expected, _ = simulate(simulator, part.command)
-    except (InputError, np.linalg.LinAlgError):
-        return ()
-    if not np.isfinite(expected).all():
+    expected = _expected(robot, part.joint[0], part.command)
+    if expected is None:
         return ()
     noise = np.where(np.array(robot.output_units) == 'rad', robot.angle_noise, robot.strain_noise)
     # What follows from a command that was not logged would be taken for wrong units and signs.
     uncommanded = tuple(command_hints(part, expected, noise))
     if uncommanded or not part.command.any():
         return uncommanded
-    return channel_hints(part.output, expected, log.output_names, robot.output_units, noise)
+    reversed_joint, expected = _reversed_joint(part, robot, expected)
+    return (*reversed_joint,
+            *channel_hints(part.output, expected, log.output_names, robot.output_units, noise))
+
+
+def _expected(robot: Robot, joint: Array, command: Array) -> Array | None:
+    """Return the outputs, (N, m), of an arm that begins at joint angles; None where it cannot."""
+    try:
+        with np.errstate(all='ignore'):
+            simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 1, None,
+                                              nominal_effects(robot)))
+            simulator.begin_at(joint)
+            expected, _ = simulate(simulator, command)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return expected if np.isfinite(expected).all() else None
+
+
+def _reversed_joint(log: Log, robot: Robot, expected: Array) -> tuple[tuple[str, ...], Array]:
+    """
+    Return a hint if one joint looks counted the other way round, and what is expected then.
+
+    Angle and command agree with each other all the same; the strain tells. An arm and its mirror
+    image read alike but for the signs of all strains, so that joint 1 is meant where reversing
+    joint 2 inverts most of them.
+    """
+    reverse = np.array([1.0, -1.0])
+    other = _expected(robot, reverse * log.joint[0], reverse * log.command)
+    if other is None:
+        return (), expected
+    other[:, 1] *= -1.0
+    gain = reversal_gain(log.output, expected, other)
+    if not gain > REVERSED:
+        return (), expected
+    joint = int(inverted(log.output, other)[2:].mean() <= 0.5)
+    if joint == 0:
+        other[:, 2:] *= -1.0
+    name = log.output_names[joint]
+    return (f'{name}: with angle and command counted the other way round the strain is explained '
+            f'{gain:.2g} times better: are the signs of both inverted?',), other
 
 
 def command_hints(log: Log, expected: Array, noise: Array) -> Iterator[str]:

@@ -49,7 +49,8 @@ def _main(arguments: argparse.Namespace) -> None:
     command_line.check_coriolis(arguments, robot)
     coriolis = not arguments.no_coriolis
     forces = has_coriolis(nominal_effects(robot, arguments.model, coriolis))
-    log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes, forces)
+    log = read_log_aloud(arguments.log, command_line.carrying(robot, arguments.payload),
+                         arguments.model, arguments.modes, forces)
     result = replay(log, robot, arguments.model, arguments.modes, arguments.payload, coriolis)
     if result.start_rates.any():
         print(f'{log.source}: begins in motion, at {result.start_rates[0]:.2g} and '

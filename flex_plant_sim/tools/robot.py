@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 import math
 from pathlib import Path
 import sys
@@ -56,9 +55,7 @@ def _reference(arguments: argparse.Namespace) -> None:
 
 def _check(arguments: argparse.Namespace) -> None:
     check_outputs({'--json': arguments.json}, [arguments.file])
-    robot = load_robot(arguments.file)
-    if arguments.payload is not None:
-        robot = replace(robot, payload_mass=arguments.payload)
+    robot = command_line.carrying(load_robot(arguments.file), arguments.payload)
     found = Check.of(robot, arguments.modes)
     print(found.text())
     if arguments.json:
@@ -88,9 +85,7 @@ def _move(arguments: argparse.Namespace) -> None:
         raise InputError(f'--output: {arguments.output}: expected a name that ends with .csv, as '
                          'logs do')
     check_outputs({'--output': arguments.output}, [arguments.file])
-    robot = load_robot(arguments.file)
-    if arguments.payload is not None:
-        robot = replace(robot, payload_mass=arguments.payload)
+    robot = command_line.carrying(load_robot(arguments.file), arguments.payload)
     needed = needed_duration(nominal_base(robot, MODEL, MODES))
     stroke = standard_move(robot, LOG_STROKES).stroke
     strokes = arguments.strokes or max(LOG_STROKES, math.ceil(MARGIN * needed / stroke))
@@ -109,7 +104,7 @@ def _move(arguments: argparse.Namespace) -> None:
 def _calibrate(arguments: argparse.Namespace) -> None:
     check_outputs({'--output': arguments.output}, [arguments.robot, *arguments.log])
     robot = load_robot(arguments.robot)
-    logs = read_logs(arguments.log, robot, MODEL, MODES)
+    logs = read_logs(arguments.log, command_line.carrying(robot, arguments.payload), MODEL, MODES)
     found = calibrate(logs, robot, arguments.payload, lambda: print(
         f'fitting the parts to {sum(map(len, logs))} samples, half a minute for 4000',
         file=sys.stderr))
