@@ -29,7 +29,8 @@ GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
 @pytest.mark.parametrize('more', [
     (), ('coulomb_friction:joint_2:level_n_m=0.3',),
     ('presliding_friction:joint_2:level_n_m=0.3,travel_rad=0.005',),
-    ('strain_filter:arm:time_constant_s=0.02,damping=0.8',)])
+    ('strain_filter:arm:time_constant_s=0.02,damping=0.8',),
+    ('payload_change:arm:change_kg=-0.1,time_s=9,duration_s=0.3',)])
 def test_compiled_gaps_open_and_close_as_step_by_step(
         more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     p, hidden = predictor(simulated(duration=24.0), locked=False), effects(*GAPS, *more)
@@ -45,6 +46,14 @@ def test_compiled_gaps_open_and_close_as_step_by_step(
 def test_a_known_gap_leaves_no_more_than_the_sensors_err(side: int) -> None:
     """Teeth meet between samples, and no torque of the drive reaches a link that is free."""
     true = effects(f'backlash:joint_2:gap_rad=0.012,sensor_behind_gear={side},hub_share=0.1')
+    p = predictor(simulated(true, substeps=10), locked=False)
+    comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True, trajectory_effects=true)
+    assert np.all(np.std(comparing.whitened_residual(true)[0], axis=(0, 1)) < 1.0)
+
+
+def test_a_known_gap_is_predicted_with_the_payload_that_changes() -> None:
+    true = effects('backlash:joint_2:gap_rad=0.012,sensor_behind_gear=0,hub_share=0.1',
+                   'payload_change:arm:change_kg=-0.1,time_s=9')
     p = predictor(simulated(true, substeps=10), locked=False)
     comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True, trajectory_effects=true)
     assert np.all(np.std(comparing.whitened_residual(true)[0], axis=(0, 1)) < 1.0)

@@ -6,7 +6,7 @@ The simulator, the predictors and the diagnosis all take their discrete step fro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -243,7 +243,8 @@ class ExtendedArm:
             middle = self.motion_between(state, pushed, command, time)
             found = after + _apply(e, self.smooth_force(middle))
             pushed = self._newton_step(e, pushed, found, middle) if self.passes > 1 else found
-        return self.apply_gaps(state, pushed, motion, np.cos(motion.position[..., 1]))
+        cosine = np.cos(motion.position[..., 1])
+        return self.apply_gaps(state, pushed, motion, [gap.at(cosine) for gap in self.openings])
 
     def _newton_step(self, e: Array, guess: Array, found: Array, middle: Motion) -> Array:
         """
@@ -263,10 +264,10 @@ class ExtendedArm:
         """Return the sum of the force effects, (…, N)."""
         return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self.pushing)
 
-    def apply_gaps(self, state: Array, after: Array, motion: Motion, cosine: Array) -> Array:
-        """Return `after`, the state one step later, corrected for backlash; cosine of theta_2."""
-        for effect, opening in zip(self.gaps, self.openings):
-            f, g, impulse = opening.at(cosine)
+    def apply_gaps(self, state: Array, after: Array, motion: Motion,
+                   openings: Iterable[Sequence[Array]]) -> Array:
+        """Return `after`, the state one step later, corrected for backlash; see `openings`."""
+        for effect, (f, g, impulse) in zip(self.gaps, openings):
             parted = after + _apply(f, state) + _apply(g, motion.command)
             after = effect.on_step(after, parted, state, impulse, motion)
         return after

@@ -7,11 +7,11 @@ is in `recursion`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
-from flex_plant_sim.arm.schedule import barycentric_weights
+from flex_plant_sim.arm.schedule import barycentric_weights, Schedule
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction.recursion import (
@@ -127,15 +127,18 @@ class FilterRun:
 
     def _gap_step(self, state: Array, row: Indices) -> Array:
         """Return the states of samples, (W, B, n), one sample later."""
-        fine, cosine = self.fine_arm, np.cos(self.elbow[row])
-        f, g, e = fine.schedule.at(cosine)
+        share, arms = self.fine_arms
+        share, fine, cosine = share[row], arms[0], np.cos(self.elbow[row])
+        f, g, e = over_payloads(share, [arm.schedule for arm in arms], cosine)
+        openings = [[part[:, None] for part in over_payloads(share, opening, cosine)]
+                    for opening in zip(*(arm.openings for arm in arms))]
         push = np.matmul(self.drive[row][..., :2 + self.arm.form.order],
                          np.swapaxes(np.concatenate([g, e], axis=-1), 1, 2))
         after = state
         for _ in range(GAP_SUBSTEPS):
             motion = fine.motion(after, self.command[row], self.time[row])
             after = fine.apply_gaps(after, np.matmul(after, np.swapaxes(f, 1, 2)) + push, motion,
-                                    cosine[:, None])
+                                    openings)
         after = self._measurement_update(after, state, row)
         response = self.matrices.at(row).interpolated(self._force_response)[:, None]
         return self.arm.apply_friction(
@@ -165,9 +168,14 @@ class FilterRun:
         return after
 
     @cached_property
-    def fine_arm(self) -> ExtendedArm:
-        """Return the arm in the steps within which gaps open and close."""
-        return self.arm.finer(GAP_SUBSTEPS)
+    def fine_arms(self) -> tuple[Array, list[ExtendedArm]]:
+        """
+        Return the arm in the steps within which gaps open and close, at payload nodes (P,).
+
+        Also return the samples' weights over these, (N, P).
+        """
+        share, arms = payload_arms(self.arm, self.time[:, 0])
+        return share, [arm.finer(GAP_SUBSTEPS) for arm in arms]
 
     @property
     def elbow(self) -> Array:
@@ -187,26 +195,24 @@ class FilterRun:
 
     def _backlashes(self) -> Backlashes:
         """Return the backlashes, with the matrices at the trajectory's elbow angles."""
-        fine = self.fine_arm
-        weights = barycentric_weights(np.cos(self.elbow), fine.nodes)
+        share, arms = self.fine_arms
+        fine, order = arms[0], self.arm.form.order
+        weights = over_both(share, barycentric_weights(np.cos(self.elbow), fine.nodes))
+        n, count = fine.states, weights.shape[1]
         separation, impulse, rotor, indices = [], [], [], []
-        for effect, opening in zip(fine.gaps, fine.openings):
+        for effect, openings in zip(fine.gaps, zip(*(arm.openings for arm in arms))):
             assert isinstance(effect, Backlash)
-            n, j = opening.states, effect.index
-            columns = np.swapaxes(opening.table.reshape(len(opening.table), n, -1), 1, 2)
-            separation.append(columns[:, :n + 2])
-            impulse.append(columns[:, [n + 2 + j, n + 4 + j]])
+            j, columns = effect.index, _transposed(openings)
+            separation.append(columns[:, :n + 2].reshape(count, -1))
+            impulse.append(columns[:, [n + 2 + j, n + 4 + j]].reshape(count, -1))
             rotor.append((fine.robot.drives[j].torque_gain,
                           *effect.rotor(fine.robot, fine.step_time), 0.5 * effect['gap_rad']))
             indices.append((j, fine.form.names.index(effect.coordinate)))
-        n, count = fine.states, len(weights[0])
-        engaged = np.swapaxes(fine.schedule.table.reshape(count, n, -1), 1, 2)
+        engaged = _transposed(arm.schedule for arm in arms)
         return Backlashes(
-            weights, engaged.reshape(count, -1),
-            np.stack(separation).reshape(len(separation), count, -1),
-            np.stack(impulse).reshape(len(impulse), count, -1), np.array(rotor),
-            np.array(indices), np.ascontiguousarray(fine.output_matrix.T),
-            self.arm.form.order, GAP_SUBSTEPS)
+            weights, engaged.reshape(count, -1), np.stack(separation), np.stack(impulse),
+            np.array(rotor), np.array(indices), np.ascontiguousarray(fine.output_matrix.T),
+            order, GAP_SUBSTEPS)
 
     def _friction(self) -> JointFriction:
         # Its limits, like smooth forces, are evaluated along the trajectory.
@@ -251,27 +257,42 @@ def drive_command(arm: ExtendedArm, record: Record) -> Array:
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
     """Return weights over the schedule's nodes (times payload nodes if it changes), and table."""
     share, tables = payload_tables(arm, time)
-    both = (share[:, :, None] * weights[:, None, :]).reshape(len(share), -1)
-    return both, np.concatenate(tables)
+    return over_both(share, weights), np.concatenate(tables)
 
 
 def payload_tables(arm: ExtendedArm, time: Array) -> tuple[Array, Array]:
     """Return weights over payload nodes, (N, P), and the schedule's tables there, (P, K, …)."""
+    share, arms = payload_arms(arm, time)
+    return share, np.array([loaded.schedule.table for loaded in arms])
+
+
+def payload_arms(arm: ExtendedArm, time: Array) -> tuple[Array, list[ExtendedArm]]:
+    """Return weights over payload nodes, (N, P), and the arm there."""
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
     nodes = np.unique([mass.min(), mass.max()])
-    if nodes.size == 1:
-        return np.ones((len(time), 1)), _table_at(arm, float(nodes[0]))[None]
-    if np.any((mass > nodes[0]) & (mass < nodes[1])):
+    if np.any((mass > nodes[0]) & (mass < nodes[-1])):
         nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
-    tables = [_table_at(arm, float(m)) for m in nodes]
     share = np.linalg.solve(np.vander(nodes, increasing=True).T,
                             np.vander(mass, nodes.size, increasing=True).T).T
-    return share, np.array(tables)
-
-
-def _table_at(arm: ExtendedArm, payload: float) -> Array:
-    """Return the schedule's table with a payload, kg."""
     # The arm itself keeps its schedule, which its steady filter needs as well.
-    return (arm if payload == arm.payload else arm.at_payload(payload)).schedule.table
+    return share, [arm if m == arm.payload else arm.at_payload(float(m)) for m in nodes]
+
+
+def over_both(share: Array, weights: Array) -> Array:
+    """Return weights over payload nodes times schedule nodes, from those over each, (N, P K)."""
+    return np.asarray((share[:, :, None] * weights[:, None, :]).reshape(len(share), -1))
+
+
+def over_payloads(share: Array, schedules: Iterable[Schedule], cosine: Array) -> list[Array]:
+    """Return the matrices of schedules at payload nodes, weighted by (N, P), at angles (N,)."""
+    parts = zip(*(schedule.at(cosine) for schedule in schedules))
+    return [np.einsum('ap,pa...->a...', share, np.stack(part)) for part in parts]
+
+
+def _transposed(schedules: Iterable[Schedule]) -> Array:
+    """Return the tables of schedules at all their nodes, transposed, (P K, n + d, n)."""
+    return np.concatenate([
+        np.swapaxes(schedule.table.reshape(len(schedule.table), schedule.states, -1), 1, 2)
+        for schedule in schedules])

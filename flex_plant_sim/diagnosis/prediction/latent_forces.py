@@ -14,6 +14,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.filter_run import (
     FilterRun,
+    over_payloads,
+    payload_arms,
     payload_schedule,
     predictor_matrices,
 )
@@ -196,7 +198,11 @@ def _known_step(predictor: Predictor) -> Array:
         return inputs[:, 0]
     free = open_loop.step_states(states, run.drive)
     motion = arm.motion(states, run.command, run.time)
-    parted = arm.apply_gaps(states, free, motion, np.cos(motion.position[..., 1]))
+    share, arms = payload_arms(arm, predictor.record.time)
+    cosine = np.cos(motion.position[:, 0, 1])
+    parted = arm.apply_gaps(states, free, motion, [
+        [part[:, None] for part in over_payloads(share, opening, cosine)]
+        for opening in zip(*(loaded.openings for loaded in arms))])
     stopped = arm.apply_friction(run.force_response[:, None], states, parted, motion)
     return np.asarray((inputs + stopped - free)[:, 0], dtype=float)
 
