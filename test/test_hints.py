@@ -182,6 +182,22 @@ def test_measurements_that_are_held_are_no_evidence(
     assert f'only every {every} samples, of 10 ms' in doubt
 
 
+@pytest.mark.parametrize('coarse', [False, True])
+def test_rows_that_repeat_the_one_before_are_told_where_noise_never_does(
+        tmp_path: Path, coarse: bool) -> None:
+    def repeat(numbers: np.ndarray) -> None:
+        if coarse:
+            # At rest these stay the same.
+            numbers[:700, 1:] = 0.0
+            numbers[:, 3:5] = np.round(numbers[:, 3:5], 2)
+        for k in range(720, 1100, 40):
+            numbers[k + 1:k + 4, 3:] = numbers[k, 3:]
+    said = [note for note in read(tmp_path / 'log.csv', repeat).notes if 'row before' in note]
+    assert [note[:40] for note in said] == [
+        '30 of 1200 rows have all readings of the'] * (not coarse)
+    assert coarse or 'first line 723:' in said[0]
+
+
 def test_commands_that_are_held_and_coarse_angles_are_evidence(tmp_path: Path) -> None:
     def spoil(numbers: np.ndarray) -> None:
         numbers[:, 1] = np.repeat(numbers[::2, 1], 2)

@@ -27,6 +27,7 @@ from flex_plant_sim.inputs.resample import (
     LOST,
 )
 from flex_plant_sim.inputs.single_errors import single_errors, SingleError
+from flex_plant_sim.inputs.stale_rows import stale_note
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
@@ -300,7 +301,8 @@ def _with_held_note(rows: Rows, robot: Robot, grid: Grid) -> Rows:
         if every > 1:
             held[name] = every
     if not held:
-        return rows
+        note = stale_note(output, rows.row)
+        return rows.noted(note) if note else rows
     return rows.noted(f'{", ".join(held)}: {"changes" if len(held) == 1 else "change"} only every '
                       f'{max(held.values())} samples, of '
                       f'{1e3 * grid.interval:.4g} ms: sampled slower than the log?', doubtful=True)
