@@ -38,3 +38,22 @@ def test_a_resonant_cause_is_tried_in_the_place_of_another_whatever_it_promises(
     # With one cause, the others were tried beside nothing.
     alone = state.refine(CandidateSet((loose,), (swinging,)), base.discrepancy)
     assert not unpromised(state, alone, [], hopeless[1:], 'again')
+
+
+def test_a_gap_beside_a_cause_is_fitted_from_its_probed_sizes_too() -> None:
+    """Its sensitivities beside no cause lead back to no gap."""
+    hidden = effects('backlash:joint_2:gap_rad=0.003,sensor_behind_gear=0,hub_share=0.1',
+                     'payload_mass:arm:deviation_kg=-0.05')
+    data = Data.of([simulated(hidden, 14.0)], SLOWEST, REFERENCE.sample_time)
+    asked, base = ('backlash', 'payload_mass'), BaseModel(REFERENCE)
+    state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
+                        lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    probe_catalogue(state, nothing)
+    light, = (h for h in state.catalogue if h.label == 'payload_mass:arm')
+    centre = state.refine(CandidateSet((light,), (np.array([-0.05]),)), base.discrepancy)
+    hopeless = [replace(p, linear_gain=-9.0, starts=(p.hypothesis.null,))
+                for p in proposals_beside(state, centre)]
+    sizes = [candidate.starts[0][1] for candidate in unpromised(state, centre, hopeless, [], '')
+             if 'backlash:joint_2' in candidate.labels]
+    assert sizes and max(sizes) > 0.002
