@@ -28,6 +28,11 @@ from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# A payload m adds m b b' to the mass matrix, whose inverse is then linear in m / (m + m_e) with
+# m_e = 1 / (b' M^-1 b), the bare tip's own mass (Sherman and Morrison 1950): the n-th part of a
+# quarter of a clamped link's mass for n modes. One mode's is 0.25, two modes' 0.125.
+TIP_SHARE = 0.2
+
 # Steps in a sample where a gap opens and closes. The joint errors of an arm that is stepped a
 # hundred times as finely are then 0.85 and 0.86 of those stated (gap of 12 mrad at 100 Hz; sensor
 # behind the gear, on the motor). With one step they are 1.20 and 1.31, with ten as with five.
@@ -271,11 +276,14 @@ def payload_arms(arm: ExtendedArm, time: Array) -> tuple[Array, list[ExtendedArm
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
+    soft = TIP_SHARE * arm.robot.links[1].mass
     nodes = np.unique([mass.min(), mass.max()])
+    places = nodes / (nodes + soft)
     if np.any((mass > nodes[0]) & (mass < nodes[-1])):
-        nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
-    share = np.linalg.solve(np.vander(nodes, increasing=True).T,
-                            np.vander(mass, nodes.size, increasing=True).T).T
+        places = np.insert(places, 1, places.mean())
+        nodes = np.insert(nodes, 1, soft * places[1] / (1.0 - places[1]))
+    basis = np.vander(places, increasing=True)
+    share = np.vander(mass / (mass + soft), places.size, increasing=True) @ np.linalg.inv(basis)
     # The arm itself keeps its schedule, which its steady filter needs as well.
     return share, [arm if m == arm.payload else arm.at_payload(float(m)) for m in nodes]
 
