@@ -234,8 +234,10 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
     (HEADER, edit(2, 3, '"0,1"'), "line 4: joint_1: expected a number, got '0,1'"),
     (HEADER, edit(2, 3, '3e-0,1e-05,'), 'line 4: expected exponents of two digits as elsewhere, '
                                         "got 'e-0': a number was cut"),
-    (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s'),
-    (HEADER, edit(3, 0, '0.005'), 'line 5: time: expected more than 0.02 s, got 0.005 s'),
+    (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s: 1 of 6 '
+                                 'rows have the time of the row before; keep one of each'),
+    (HEADER, edit(3, 0, '0.005'), 'line 5: time: expected more than 0.02 s, got 0.005 s: the '
+                                  'clock goes back; are two logs joined?'),
     (HEADER, lambda rows: [f'1700000000{row[1:]}' for row in [*rows[:2], rows[1]]],
      'line 4: time: expected more than 1700000000.01 s, got 1700000000.01 s'),
     (HEADER, lambda rows: rows[:3] + rows[4:], 'line 5: time: expected 0.01 s after the row '

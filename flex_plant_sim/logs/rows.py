@@ -152,9 +152,12 @@ def _check_time(rows: Rows) -> None:
     interval = np.diff(rows.time)
     if (interval <= 0.0).any():
         k = int(np.argmax(interval <= 0.0)) + 1
+        twice = int(np.sum(interval == 0.0))
+        why = (f': {twice} of {len(rows.time)} rows have the time of the row before; keep one of '
+               'each' if interval[k - 1] == 0.0 else ': the clock goes back; are two logs joined?')
         raise InputError(f'{rows.source}: {rows.row(k)}: time: expected more than '
                          f'{rows.time[k - 1]:.{STAMP_DIGITS}g} s, '
-                         f'got {rows.time[k]:.{STAMP_DIGITS}g} s')
+                         f'got {rows.time[k]:.{STAMP_DIGITS}g} s{why}')
 
 
 def _from_first_reading(rows: Rows, robot: Robot) -> Rows:
