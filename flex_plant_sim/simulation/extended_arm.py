@@ -91,7 +91,7 @@ class ExtendedArm:
 
     @cached_property
     def plant(self) -> StateSpace:
-        """Return the continuous plant at the nodes, including the states that effects add."""
+        """Return the continuous plant at the nodes, (K, n, …), with the states effects add."""
         return self._plant(self.nodes, self.payload)
 
     @cached_property
@@ -188,7 +188,7 @@ class ExtendedArm:
         return bool(self._output)
 
     def motion(self, state: Array, command: Array, time: Any) -> Motion:
-        """Return the motion that is passed to the hooks of effects."""
+        """Return the motion that hooks of effects get, of states (…, n) and commands (…, 2)."""
         n = self.form.order
         return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
                       self.payload, self.step_time)
@@ -229,7 +229,7 @@ class ExtendedArm:
 
     def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
                       time: Any) -> Array:
-        """Return the state one step later, given `after`, the step of the linear plant alone."""
+        """Return the state (…, n) one step later, from `after`, the linear plant's own step."""
         if not (self.pushing or self.has_contact):
             return after
         pushed = self.apply_free_effects(e, state, after, command, time)
@@ -237,7 +237,7 @@ class ExtendedArm:
 
     def apply_free_effects(self, e: Array, state: Array, after: Array, command: Array,
                            time: Any) -> Array:
-        """Return the state one step later as `apply_effects` does, but for dry friction."""
+        """Return the state one step later, (…, n), as `apply_effects` but for dry friction."""
         motion, pushed = self.motion(state, command, time), after
         for _ in range(self.passes if self.pushing else 0):
             middle = self.motion_between(state, pushed, command, time)
@@ -261,19 +261,19 @@ class ExtendedArm:
         return np.asarray(found - (e @ (mass @ gained / step))[..., 0])
 
     def smooth_force(self, motion: Motion) -> Array:
-        """Return the sum of the force effects, (…, N)."""
+        """Return the sum of the force effects, N m and the modes' own, (…, N)."""
         return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self.pushing)
 
     def apply_gaps(self, state: Array, after: Array, motion: Motion,
                    openings: Iterable[Sequence[Array]]) -> Array:
-        """Return `after`, the state one step later, corrected for backlash; see `openings`."""
+        """Return `after`, the state (…, n) a step later, corrected for gaps; see `openings`."""
         for effect, (f, g, impulse) in zip(self.gaps, openings):
             parted = after + _apply(f, state) + _apply(g, motion.command)
             after = effect.on_step(after, parted, state, impulse, motion)
         return after
 
     def apply_friction(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
-        """Return `after`, the state one step later, corrected for dry friction."""
+        """Return `after`, the state (…, n) one step later, corrected for dry friction."""
         return self._brake(e, state, after, motion) if self._friction else after
 
     def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
@@ -326,7 +326,7 @@ class ExtendedArm:
         return after
 
     def joint_velocity(self, state: Array, command: Array) -> Array:
-        """Return (theta_1', theta_2'), as tachometers measure them, rad/s, (…, 2)."""
+        """Return (theta_1', theta_2'), rad/s, as tachometers have them, (…, 2)."""
         if self.compact is None:
             return state[..., self.form.order:self.form.order + 2]
         flexible = state[..., 2:self.form.order]

@@ -64,12 +64,12 @@ class SufficientStatistics:
         return self.prior.working_width(self.offsets)
 
     def weighted_products(self, error_scale: Array, temper: float = TEMPER) -> Array:
-        """Return the products (a, a) summed over channels, each over its error scale squared."""
+        """Return the products (a, a) over channels, each over its error scale (m,) squared."""
         return np.asarray(np.tensordot(1.0 / (temper * error_scale**2), self.products, 1),
                           dtype=float)
 
     def part_marginal(self, error_scale: Array, temper: float = TEMPER) -> GaussianMarginal:
-        """Return the marginal over the parts, given the values."""
+        """Return the marginal over the parts (p,), given the values, for error scales (m,)."""
         kept = np.r_[0, 1 + self.offsets.size:1 + self.offsets.size + self.tolerances.size]
         products = self.weighted_products(error_scale, temper)
         return GaussianMarginal(products[np.ix_(kept, kept)], self.tolerances)
@@ -103,7 +103,7 @@ class SufficientStatistics:
         return error_scale
 
     def joint_marginal(self, error_scale: Array, temper: float = TEMPER) -> GaussianMarginal:
-        """Return the marginal over values, counted from their priors' centres, and parts."""
+        """Return the marginal over values, from their priors' centres, and parts, (k + p,)."""
         shift = np.eye(len(self.products[0]))
         shift[1:1 + self.offsets.size, 0] = -self.offsets
         return GaussianMarginal(shift.T @ self.weighted_products(error_scale, temper) @ shift,
