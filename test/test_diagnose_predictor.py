@@ -46,7 +46,7 @@ def test_compiled_gaps_open_and_close_as_step_by_step(
 def test_a_known_gap_leaves_no_more_than_the_sensors_err(side: int) -> None:
     """Teeth meet between samples, and no torque of the drive reaches a link that is free."""
     true = effects(f'backlash:joint_2:gap_rad=0.012,sensor_behind_gear={side},hub_share=0.1')
-    p = predictor(simulated(true, substeps=10), locked=False)
+    p = predictor(simulated(true, substeps=5), locked=False)
     comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True, trajectory_effects=true)
     assert np.all(np.std(comparing.whitened_residual(true)[0], axis=(0, 1)) < 1.0)
 
@@ -54,8 +54,8 @@ def test_a_known_gap_leaves_no_more_than_the_sensors_err(side: int) -> None:
 def test_a_known_gap_is_predicted_with_a_payload_that_goes() -> None:
     """In some seconds, to nothing, where the arm changes the most with its payload."""
     true = effects('backlash:joint_2:gap_rad=0.012,sensor_behind_gear=0,hub_share=0.1',
-                   'payload_change:arm:change_kg=-0.1,time_s=9,duration_s=5')
-    p = predictor(simulated(true, substeps=10), locked=False)
+                   'payload_change:arm:change_kg=-0.1,time_s=9,duration_s=2')
+    p = predictor(simulated(true, substeps=5), locked=False)
     comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True, trajectory_effects=true)
     assert np.all(np.std(comparing.whitened_residual(true)[0], axis=(0, 1)) < 1.0)
 
