@@ -5,8 +5,8 @@ Calibrate the discrepancy, what a good model lacks, on clean arms of another sim
 score on others) and some amplitudes of the discrepancy. It prints the root mean square of the
 whitened innovations per channel with the parts re-estimated (1: as large as stated), and the
 temper that their colour asks for: the long-run variance of the scores of the parts over the white
-one. Last come mean and standard deviation, over gauges and arms, of the logarithm of the scale of
-the gauges' slow errors: the latter is `posterior.SLOW_ERROR_SPREAD`.
+one. Last come mean and standard deviation, over joints and arms and over gauges and arms, of the
+logarithm of the scale of slow errors: the larger of the latter is `posterior.SLOW_ERROR_SPREAD`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def whitened(seed: int, discrepancy: DiscrepancyModel
     likelihood = Likelihood(base, data.windows, data.noise)
     fit = fit_set(likelihood, CauseSet((), data.duration), (np.zeros(0),))
     left = likelihood.centre_residual + np.tensordot(fit.deviations, likelihood.part_jacobian, 1)
-    return (left.T, likelihood.part_jacobian.T * likelihood.tolerances, fit.slow_gauge_scale)
+    return (left.T, likelihood.part_jacobian.T * likelihood.tolerances, fit.slow_scale)
 
 
 def temper(errors: np.ndarray, columns: np.ndarray) -> float:
@@ -61,16 +61,17 @@ def main() -> None:
     parser.add_argument('--runs', type=int, default=2)
     runs = parser.parse_args().runs
     print('torque  gauge   rms of whitened innovations per channel       temper'
-          '              ln of slow scales')
+          '              ln of slow scales: joints, gauges')
     for discrepancy in DISCREPANCIES:
         arms = [whitened(FIRST_SEED + k, discrepancy) for k in range(runs)]
         rms = np.sqrt(np.mean([np.mean(errors**2, axis=0) for errors, *_ in arms], axis=0))
         found = [temper(errors, columns) for errors, columns, _ in arms]
         slow = np.log([scale for *_, scale in arms])
+        spreads = ', '.join(f'{some.mean():.2f} +- {some.std():.2f}'
+                            for some in (slow[:, :2], slow[:, 2:]))
         print(f'{discrepancy.torque_share[0]:6.2f} {discrepancy.gauge_share:6.2f}   '
               f'{" ".join(f"{r:6.2f}" for r in rms)}   {np.mean(found):6.2f} '
-              f'({min(found):.2f} to {max(found):.2f})   {slow.mean():.2f} +- {slow.std():.2f}',
-              flush=True)
+              f'({min(found):.2f} to {max(found):.2f})   {spreads}', flush=True)
 
 
 if __name__ == '__main__':

@@ -19,14 +19,16 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
     free_run_score,
     ranked_by_free_runs,
 )
-from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.look_alikes import different_optima
-from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import remaining_torque_shares, try_laws
 from flex_plant_sim.diagnosis.causes.search import ranked_with_laws
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.law import FOLDS, LatentSeries, Law, law_of, STRETCHES
@@ -68,6 +70,24 @@ def told(folder: Path, *hidden: tuple[str, Parameters], payload: float = 0.1,
     assert main([str(log), '--jobs', '1', '--modes', str(modes), '--payload', '0.1',
                  '--json', str(answer), '--extended', str(robot), *others]) == 0
     return json.loads(answer.read_text()), effects_of(load_robot(robot))
+
+
+@pytest.mark.parametrize('torque', [0.0, 0.4])
+def test_a_slow_torque_of_a_joint_shows_though_no_single_step_does(torque: float) -> None:
+    """A wave of 1.3 rad: told nothing wrong, while joint 1 erred by 1.5 degrees in 5 s."""
+    wave: tuple[str, Parameters] = (
+        'torque_ripple', {'joint': 1, 'order': 5.0, 'phase': 0.5, 'torque': torque})
+    true = make_record(TruthCase(91, (wave,) if torque else (), payload_true=0.1,
+                                 duration_s=24.0, simulator=FINITE_ELEMENTS))
+    robot = load_robot('reference')
+    base = nominal_base(robot, 'assumed_modes', 2)
+    record = Record('', true.time, true.command, np.hstack([true.joint, true.strain]), 0.1)
+    data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
+    fit = fit_set(Likelihood(base, data.windows, data.noise), CauseSet((), data.duration),
+                  (np.zeros(0),))
+    assert np.all(fit.error_scale < NOTABLE_EXCESS)
+    assert Posterior.of([fit], base).best.discrepancy.remainder == bool(torque)
+    assert (np.argmax(fit.slow_scale) == 0) == bool(torque)
 
 
 def test_a_law_takes_the_place_of_causes_that_imitate_it(tmp_path: Path) -> None:

@@ -131,10 +131,10 @@ def test_slow_errors_of_a_gauge_are_not_those_of_a_cause_alone() -> None:
     # One channel of all samples as stated; its means over a while three times too large.
     cause = replace(NOTHING, hypotheses=(h,), log_evidence=50.0,
                     statistics=replace(EMPTY, samples=3000.0))
-    slow = replace(cause, slow_gauge_scale=np.array([3.0]), slow_means=60)
+    slow = replace(cause, slow_scale=np.array([3.0]), slow_means=np.array([60]))
     assert not Posterior.of([NOTHING, cause], base).best.discrepancy.remainder
     assert Posterior.of([NOTHING, slow], base).best.discrepancy.remainder
-    few = replace(slow, slow_gauge_scale=np.array([1.1]))
+    few = replace(slow, slow_scale=np.array([1.1]))
     assert not Posterior.of([NOTHING, few], base).best.discrepancy.remainder
 
 
@@ -146,8 +146,8 @@ def test_a_cause_that_varies_is_said_where_no_errors_are_large(
     """As large as stated to a part in ten thousand, errors were told as what remains."""
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), varying_gain=gain,
                     discrepancy=replace(NOTHING.discrepancy, remainder=True),
-                    error_scale=np.array([scale, 1.0]), slow_gauge_scale=np.array([slow]),
-                    slow_means=60)
+                    error_scale=np.array([scale, 1.0]), slow_scale=np.array([slow]),
+                    slow_means=np.array([60]))
     found = SimpleNamespace(best=SimpleNamespace(fit=cause), posterior=Posterior.of(
         [cause], BaseModel(REFERENCE)))
     said = unnamed_remainder(cast(SearchResult, found))

@@ -52,11 +52,11 @@ class Fit:
         -inf where that was not computed.
     window_log_likelihoods : Array
         ln p of each window at the estimates, up to a constant of the window, nats, (W,).
-    slow_gauge_scale : Array
-        Factor of the gauges' errors, averaged over the correlation time of what every model misses
-        of a strain, over what the filter states, (g,). Of all errors they are few.
-    slow_means : int
-        Number of such means.
+    slow_scale : Array
+        Factor of the channels' errors, averaged over the correlation time of what every model
+        misses of them, over what the filter states, (m,). Of all errors they are few.
+    slow_means : Array
+        Number of such means, (m,).
     varying_part_gains : Array
         Gain of the evidence if a part varies over the record, nats, (p,), see `constancy`; none
         where that was not computed.
@@ -73,8 +73,8 @@ class Fit:
     log_evidence: float
     varying_gain: float = -math.inf
     window_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
-    slow_gauge_scale: Array = field(default_factory=lambda: np.zeros(0))
-    slow_means: int = 0
+    slow_scale: Array = field(default_factory=lambda: np.zeros(0))
+    slow_means: Array = field(default_factory=lambda: np.zeros(0))
     varying_part_gains: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -84,8 +84,8 @@ class Fit:
 
     @property
     def has_large_errors(self) -> bool:
-        """Return whether a channel, or slowly a gauge, errs by more than every model may."""
-        return bool(self.large_errors.any() or np.any(self.slow_gauge_scale > NOTABLE_EXCESS))
+        """Return whether a channel, at once or slowly, errs by more than every model may."""
+        return bool(self.large_errors.any() or np.any(self.slow_scale > NOTABLE_EXCESS))
 
 
 def may_be_null(fit: Fit, index: int) -> bool:

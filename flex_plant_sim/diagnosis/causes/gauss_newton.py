@@ -255,7 +255,7 @@ class GaussNewton:
                     statistics.log_evidence(error_scale),
                     self._varying_gain(point, statistics, error_scale),
                     -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0],
-                    *self._slow_gauge_errors(minus_errors),
+                    *self._slow_errors(minus_errors),
                     self._varying_part_gains(point, statistics, error_scale))
         if not found.large_errors.any():
             return found
@@ -264,18 +264,21 @@ class GaussNewton:
                                  for rows in (point.jacobian, self.likelihood.part_jacobian)])
         return replace(found, covariance=sandwich_covariance(covariance, scores))
 
-    def _slow_gauge_errors(self, errors: Array) -> tuple[Array, int]:
-        """Return scales (g,) and number of means over the correlation time of gauges' errors."""
+    def _slow_errors(self, errors: Array) -> tuple[Array, Array]:
+        """
+        Return scales and number of means of errors (m, N) over their correlation times, (m,) each.
+
+        Those are the times of what every model misses, of a joint's torque and of a strain.
+        """
         likelihood = self.likelihood
-        length = max(1, round(likelihood.base.discrepancy.gauge_periods
-                              * likelihood.predictors[0].windows.warm_up))
-        windows, gauges = self.window_count, len(errors) - 2
-        by_window = errors[2:].reshape(gauges, windows, errors.shape[1] // windows)
-        count = by_window.shape[2] // length
-        means = by_window[..., :count * length].reshape(gauges, windows, count, length).sum(axis=3)
+        by_channel = errors.reshape(len(errors), self.window_count, -1)
+        model, period = likelihood.base.discrepancy, likelihood.predictors[0].windows.warm_up
+        found = [slow_means(of_one, max(1, round(periods * period)))
+                 for of_one, periods in zip(by_channel, [model.torque_periods] * 2
+                                            + [model.gauge_periods] * (len(errors) - 2))]
         # Each sample of some windows stands for more, and errors are larger by the root of that.
-        return (np.sqrt(np.mean(means**2, axis=(1, 2)) / (likelihood.weight * length)),
-                round(likelihood.weight * windows * count))
+        return (np.array([np.sqrt(np.mean(means**2) / likelihood.weight) for means in found]),
+                np.array([round(likelihood.weight * means.size) for means in found]))
 
     @property
     def window_count(self) -> int:
@@ -320,3 +323,9 @@ def fit_set(likelihood: Likelihood, causes: CauseSet, starts: Sequence[Array],
     error_scale = np.ones(len(likelihood.centre_residual)) if error_scale is None else error_scale
     solver = GaussNewton(likelihood, causes, error_scale)
     return solver.fit(solver.descend(starts, coarse))
+
+
+def slow_means(errors: Array, length: int) -> Array:
+    """Return means of errors (W, N) over `length` samples, times its root, (W, c)."""
+    count = errors.shape[1] // length
+    return errors[:, :count * length].reshape(len(errors), count, length).sum(axis=2) / length**0.5

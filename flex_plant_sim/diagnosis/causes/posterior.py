@@ -26,8 +26,8 @@ from flex_plant_sim.diagnosis.record.windows import LOCKED_SHARE
 from flex_plant_sim.interval import credible_values
 import numpy as np
 
-# Standard deviation, over arms, of the logarithm of the scale of a gauge's slow errors: none has
-# just the stated share of what every model misses of a strain (benchmarks/discrepancy.py).
+# Standard deviation, over arms, of the logarithm of the scale of a channel's slow errors: none has
+# just the stated share of what every model misses (benchmarks/discrepancy.py).
 SLOW_ERROR_SPREAD = 0.39
 # Newton's steps to the likeliest noise: from none they rise to it, by half of ln s at the least.
 NEWTON_STEPS = 40
@@ -69,9 +69,9 @@ def interpretations(fit: Fit, parts_vary: bool = False) -> tuple[Fit, ...]:
 
     A complete set leaves errors no larger than any model's, as on clean arms of other simulators.
     Larger errors cost it what `cost_of_white_errors` says or, if that is more, what the slow
-    errors of the worst gauge do, which are a few of all: what an arm's model misses, all gauges
-    see. With a remainder, the errors cost nothing. It shows in them, as far as they are not just
-    white, or in a cause that varies, see `constancy`, or a part.
+    errors of the worst channel do, which are a few of all: what an arm's model misses, many
+    channels see. With a remainder, the errors cost nothing. It shows in them, as far as they are
+    not just white, or in a cause that varies, see `constancy`, or a part.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def interpretations(fit: Fit, parts_vary: bool = False) -> tuple[Fit, ...]:
 
     """
     white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
-    slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
+    slow = cost_of_white_errors(fit.slow_scale, fit.slow_means,
                                 SLOW_ERROR_SPREAD**2 * fit.slow_means)
     cost = float(max(np.sum(white), np.max(slow, initial=0.0)))
     in_errors = math.log(-math.expm1(-cost)) if cost else -math.inf
@@ -105,8 +105,8 @@ def shown_by_parts(fit: Fit) -> float:
     return gain + math.log(-math.expm1(-gain)) if gain > 0.0 else -math.inf
 
 
-def cost_of_white_errors(scale: Array, samples: float,
-                         variance: float = NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)) -> Array:
+def cost_of_white_errors(scale: Array, samples: float | Array,
+                         variance: float | Array = NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)) -> Array:
     """
     Return what errors of some scales, beyond 1, cost where they are white noise, nats, (m,).
 
