@@ -102,4 +102,4 @@ def beyond_checked(time: Array, joint: Array) -> str:
     if not speed[row, k] > CHECKED_SPEED:
         return ''
     return (f'joint_{k + 1} turns at up to {speed[row, k]:.3g} rad/s, at {time[row]:.6g} s: the '
-            f'models are checked up to {CHECKED_SPEED:g} rad/s')
+            f'models are checked up to {CHECKED_SPEED:g} rad/s; their errors grow with its square')

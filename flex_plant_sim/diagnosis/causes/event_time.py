@@ -4,8 +4,9 @@ Evidence and estimates of an event, integrated over when it happened and how lon
 `RefinedFit` uses it for sets with an event that may be gradual. What a record says of the event's
 time has several maxima, and of its duration often an upper bound alone, so Laplace's method fails.
 Given both, the residual is as linear in all else as ever. The response to a gradual change is the
-mean of the responses to sudden ones over its duration. So the responses to sudden events at some
-times give the evidence of every start and end, see `EventGrid`.
+mean of the responses to sudden ones over its duration, but for what is not linear in its size;
+that is taken from the fitted event. So the responses to sudden events at some times give the
+evidence of every start and end, see `EventGrid`.
 """
 
 from __future__ import annotations
@@ -102,6 +103,9 @@ class EventTimeIntegral:
         background = np.concatenate([at_centre[None], jacobian,
                                      self.solver.likelihood.part_jacobian])
         start, duration = self._event_at_point
+        fitted = point.values.copy()
+        fitted[[indices.time, indices.duration]] = start, duration
+        response = self.solver.residual_and_cost(fitted)[0] - without_event
         record = self.solver.causes.duration
         times = np.unique(np.r_[np.linspace(0.0, record, FIRST_EVENT_TIMES),
                                 start, start + duration])
@@ -113,12 +117,13 @@ class EventTimeIntegral:
             0.5 if prior.spiked[indices.duration] else 0.0,
             1.0 / (TEMPER * self.solver.error_scale**2),
             float(np.min(np.diff(np.unique(self.solver.likelihood.times)))))
-        while grid.time.size < MAX_EVENT_TIMES and (more := grid.refinement_times).size:
+        exact = partial(_exact_at, start=start, duration=duration, response=response)
+        while grid.time.size < MAX_EVENT_TIMES and (more := exact(grid).refinement_times).size:
             times = np.r_[grid.time, more]
             order = np.argsort(times)
             responses = np.concatenate([grid.responses, self._responses(more, without_event)])
             grid = replace(grid, time=times[order], responses=responses[order])
-        return grid
+        return exact(grid)
 
     @property
     def _event_at_point(self) -> tuple[float, float]:
@@ -162,3 +167,12 @@ class EventTimeIntegral:
         log_evidence = given_time.log_evidence(fit.error_scale) + grid.log_integral - there
         return point, replace(fit, covariance=wider[:, None] * covariance * wider,
                               log_evidence=log_evidence), there - here
+
+
+def _exact_at(grid: EventGrid, start: float, duration: float, response: Array) -> EventGrid:
+    """Return a grid that has an event's response (m, N) where it says the mean of sudden ones."""
+    # A change of 40 % over 5 s shifts modes: the means alone had 10 nats more for one of 3.5 s.
+    mean = np.tensordot(grid.averaging_weights_of(start, duration), grid.responses, 1)
+    background = grid.background.copy()
+    background[0] += response - mean
+    return replace(grid, background=background)
