@@ -307,7 +307,7 @@ def test_a_slope_is_taken_within_a_standard_deviation() -> None:
         assert np.mean(rise) == pytest.approx(0.5, abs=0.25)
 
 
-@pytest.mark.parametrize('start', [(-0.03, 1.0, 20.0), (-0.03, 4.0, 20.0)])
+@pytest.mark.parametrize('start', [(-0.06, 2.0, 10.0), (-0.03, 4.0, 20.0)])
 def test_an_event_is_found_wherever_its_fit_ends(start: tuple[float, ...]) -> None:
     dropped = effects('payload_change:arm:change_kg=-0.06,time_s=12,duration_s=0')
     data = Data.of([simulated(dropped, 28.0)], SLOWEST, REFERENCE.sample_time)

@@ -104,7 +104,8 @@ def refine_contenders(state: SearchState, fits: Sequence[Fit], best: Fit, centre
     least = state.score(best) - state.score_margin(best, centre, MAX_DEFICIT)
     refined = [found.fit for found in state.refined.values()]
     leading = dict.fromkeys(
-        SetKey.of(fit).without_remainder for fit in fits if state.score(fit) >= least)
+        key for fit in fits for key in [SetKey.of(fit).without_remainder]
+        if state.attainable_score(state.fits.get(key, fit)) >= least)
     # A set that cannot be refined is dropped.
     state.refine_each([
         state.fits.pop(key) for key in leading

@@ -149,7 +149,11 @@ class SearchState:
     def worth_refining(self, fit: Fit, more: float = 0.0) -> bool:
         """Tell whether a set would be worth stating if it had more evidence, nats."""
         best = max((self.best_score(r.fit) for r in self.refined.values()), default=-np.inf)
-        return self.best_score(fit) + more > best - MAX_DEFICIT
+        return self.attainable_score(fit) + more > best - MAX_DEFICIT
+
+    def attainable_score(self, fit: Fit) -> float:
+        """Return the best score, nats, or what it is if refinement takes away what errors cost."""
+        return max(self.best_score(fit), self.score(fit))
 
     def score(self, fit: Fit) -> float:
         """Return the logarithm of a set's posterior odds, up to a constant, nats."""
