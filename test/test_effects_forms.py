@@ -147,21 +147,6 @@ def test_a_hub_swings_on_its_gear() -> None:
         assert abs(rotor / motor) == pytest.approx(1.0 if share == 1.0 else 0.0, abs=0.01)
 
 
-def test_a_base_carries_the_arm_s_whole_mass_on_its_spring() -> None:
-    """Stretched, all of the arm moves across the upper link; bent, the lower one's shares."""
-    form = arm('base_sliding:arm:compliance_m_per_n=1e-3,mass_kg=4').form
-    total = 4.0 + ROBOT.links[0].mass + ROBOT.elbow_mass + ROBOT.links[1].mass + 0.1
-    assert frequencies(form, HELD, 0.1)[0] == pytest.approx((1e-3 * total)**-0.5, rel=1e-9)
-    lower = ROBOT.links[1]
-    for cosine in (1.0, 0.3, -0.5):
-        moment = (0.5 * lower.mass + 0.1) * lower.length
-        across, along = form.mass_at(cosine, 0.1)[-2:, 1]
-        assert across == pytest.approx(cosine * moment, rel=1e-6)
-        # Of the coordinate w with v = sin(theta_2) w.
-        assert along == pytest.approx((1.0 - cosine**2) * moment, rel=1e-6)
-    assert np.all(np.linalg.eigvalsh(form.mass_at(0.3, 0.1)) > 0.0)
-
-
 @pytest.mark.parametrize('site, rows', [('arm', (2, 3, 4, 5)), ('link_2', (4, 5)),
                                         ('strain_1b', (3,))])
 @pytest.mark.parametrize('text', ['strain_filter:{}:time_constant_s=0.04,damping=0.8',

@@ -60,6 +60,12 @@ class Motion:
     step: float
     change: Any = 0.0
 
+    @property
+    def acceleration(self) -> Array:
+        """Return p'' over the step, (…, N)."""
+        *batch, order = self.velocity.shape
+        return np.broadcast_to(self.change / self.step, (*batch, 2 * order))[..., order:]
+
 
 @dataclass(frozen=True)
 class Effect(ABC):

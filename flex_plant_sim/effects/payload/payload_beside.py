@@ -58,11 +58,10 @@ class PayloadBeside(Effect):
         """Return the generalised force, (…, N)."""
         if not is_energy_form(motion.form):
             return 0.0
-        rate, order, terms = motion.velocity, motion.form.order, _terms_of(motion)
-        gained = np.broadcast_to(motion.change / motion.step, (*rate.shape[:-1], 2 * order))
-        rows, acceleration = terms.end(motion.position, rate, gained[..., order:])
+        rate, gained, terms = motion.velocity, motion.acceleration, _terms_of(motion)
+        rows, acceleration = terms.end(motion.position, rate, gained)
         return np.asarray(self._moment(motion) * (
-            _times(gained[..., order:], terms.turn) * rows.real
+            _times(gained, terms.turn) * rows.real
             + _times(rate, terms.turn)**2 * rows.imag + acceleration.real * terms.turn))
 
     def inertia(self, motion: Motion) -> Array | float:

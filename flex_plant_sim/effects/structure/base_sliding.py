@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.base import Effect, Motion, one_hot
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment
 from flex_plant_sim.effects.mechanics.kinematics import (
+    elbow_state,
     is_energy_form,
     link_columns,
     lower_rows,
+    root_row,
     with_coordinates,
 )
 from flex_plant_sim.effects.parameter import Parameter
@@ -18,24 +23,21 @@ import numpy as np
 
 # Compliance, m/N, below which the mounting counts as rigid and gets no coordinate.
 RIGID_MOUNTING = 1e-9
-# Added to sin^2(theta_2) in the mass and spring of the shift along the upper link, so that they
-# stay above zero. The arm's response then has its poles in cos(theta_2) far enough beyond 1 for
-# the schedule's polynomials (1.05: 4e-4 with 25 nodes); of the coupling 83 % are left at 0.5 rad.
-STRETCHED_SHARE = 0.1
+ACROSS, ALONG = 'slide_base', 'slide_base_along'
 
 
 class BaseSliding(Effect):
     """
     A base with mass on damped springs, alike across and along the upper link.
 
-    The first coordinate is the base's displacement across the upper link, u, m, in axes that turn
-    with the link. Its coupling is that of a uniform acceleration field across the upper link,
-    whose share across the lower link is cos(theta_2). A displacement along the upper link, v,
-    moves that link only along itself, and the lower one across by the share sin(theta_2). As the
-    equations are polynomials in cos(theta_2), the second coordinate is w with
-    v = sin(theta_2) w, whose mass, spring and coupling go with sin^2(theta_2); the rate of
-    sin(theta_2) is left out, as is that of the axes. The paper's rows balance only the beams; in
-    its form the upper link's root shear acts on the base.
+    Its displacement in axes that turn with the upper link's root, at the rate w, is u across and v
+    along the link. It accelerates by u'' + 2 w v' + w' v - w^2 u across and by
+    v'' - 2 w u' - w' u - w^2 v along, and the arm feels that as a uniform field: its share across
+    the lower link is cos(theta_2) of the first less sin(theta_2) of the second. The coupling of u
+    is in the mass matrix. All that goes with v or with w is a force, as the mass matrix has no
+    sin(theta_2). CoriolisCentripetal, of the elbow's velocity, has the part of -2 w u' that
+    belongs to it. The paper's rows balance only the beams; in its form the upper link's root
+    shear acts on the base, which shifts across alone.
     """
 
     identifier = 'base_sliding'
@@ -48,15 +50,17 @@ class BaseSliding(Effect):
         MOUNTING_DAMPING)
     sites = 'arm'
     structural = True
+    inertial = True
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the base's shifts across and along as its last coordinates."""
+        """Return the form with the base's shifts as its last coordinates."""
         if self['compliance_m_per_n'] < RIGID_MOUNTING:
             return form
-        return self._along(self._across(form, robot), robot)
+        wide = self._across(form, robot)
+        return self._along(wide, robot) if is_energy_form(form) else wide
 
     def _across(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        wide = with_coordinates(form, ('slide_base',))
+        wide = with_coordinates(form, (ACROSS,))
         upper, lower = wide.field.copy()
         moving = _carried_mass(robot)
         along = (robot.links[1].mass * upper[1], upper[1])
@@ -80,21 +84,56 @@ class BaseSliding(Effect):
         return wide
 
     def _along(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with w; its row balances all that the base carries in both forms."""
-        wide = with_coordinates(form, ('slide_base_along',))
-        rows = np.ones(wide.order) if is_energy_form(form) else lower_rows(wide)
-        last = np.eye(wide.order)[-1]
-        own = np.outer(last, last)
-        for mass, lower, carried in ((wide.mass, wide.field[1, 0], _carried_mass(robot)),
-                                     (wide.payload_mass, wide.field[1, 1], 1.0)):
-            coupling = np.outer(rows * lower, last) + np.outer(last, lower)
-            _add_times_sin_squared(mass, coupling, 0.0)
-            _add_times_sin_squared(mass, carried * own)
-        _add_times_sin_squared(wide.mass, self['mass_kg'] * own)
-        _add_times_sin_squared(wide.stiffness, own / self['compliance_m_per_n'])
-        # The mean of sin^2(theta_2) over all angles.
-        wide.damping[-1, -1] += 0.5 * self._damping
+        """Return the form with v, which only `force` couples."""
+        wide = with_coordinates(form, (ALONG,))
+        wide.mass[0, -1, -1] = self['mass_kg'] + _carried_mass(robot)
+        wide.payload_mass[0, -1, -1] = 1.0
+        wide.damping[-1, -1] = self._damping
+        wide.stiffness[0, -1, -1] = 1.0 / self['compliance_m_per_n']
         return wide
+
+    def pushed_by(self, motion: Motion) -> Sequence[Any] | None:
+        """Return all that `force` depends on; None where the base does not shift along."""
+        form = motion.form
+        return (self['mass_kg'], self._damping, motion.payload, form.field, root_row(form, 0),
+                root_row(form, 1), form.elbow_angle, motion.position, motion.velocity,
+                motion.change) if ALONG in form.names else None
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the generalised force, (…, N)."""
+        form, position, rate = motion.form, motion.position, motion.velocity
+        if ALONG not in form.names:
+            return 0.0
+        gained = motion.acceleration
+        upper, lower = form.field[:, 0] + motion.payload * form.field[:, 1]
+        cosine, sine = elbow_state(form, position)
+        turning, w_2 = ((rate @ root_row(form, k))[..., None] for k in (0, 1))
+        faster = (gained @ root_row(form, 0))[..., None]
+        across, along = (_one_hot(form, name) for name in (ACROSS, ALONG))
+        u, v, u_rate, v_rate = ((of @ row)[..., None] for of in (position, rate)
+                                for row in (across, along))
+        turned_across = 2.0 * turning * v_rate + faster * v - turning**2 * u
+        turned_along = -2.0 * turning * u_rate - faster * u - turning**2 * v
+        mass, brake = upper @ across + self['mass_kg'], self._damping * turning
+        # Of the field along, CoriolisCentripetal has -w u'.
+        field_along = (gained @ along)[..., None] + turned_along + turning * u_rate
+        return np.asarray(
+            -turned_across * (upper + self['mass_kg'] * across + cosine * lower)
+            + sine * field_along * lower - brake * v * across
+            + (brake * u - mass * turned_along + turning * ((rate @ upper)[..., None]
+                                                            - upper @ across * u_rate)
+               + sine * (gained @ lower)[..., None]
+               + cosine * w_2 * (rate @ lower)[..., None]) * along)
+
+    def inertia(self, motion: Motion) -> Array | float:
+        """Return the mass matrix of the force's part with p'', (…, N, N), without w'."""
+        form = motion.form
+        if ALONG not in form.names:
+            return 0.0
+        lower = form.field[1, 0] + motion.payload * form.field[1, 1]
+        coupling = np.outer(lower, _one_hot(form, ALONG))
+        return np.asarray(-elbow_state(form, motion.position)[1][..., None]
+                          * (coupling + coupling.T))
 
     @property
     def _damping(self) -> float:
@@ -108,7 +147,6 @@ def _carried_mass(robot: Robot) -> float:
     return robot.links[0].mass + robot.elbow_mass + robot.links[1].mass
 
 
-def _add_times_sin_squared(terms: Array, matrix: Array, least: float = STRETCHED_SHARE) -> None:
-    """Add (least + sin^2(theta_2)) times a matrix to polynomials in cos(theta_2), (3, N, N)."""
-    terms[0] += (1.0 + least) * matrix
-    terms[2] -= matrix
+def _one_hot(form: SecondOrderForm, name: str) -> Array:
+    """Return the row of a coordinate, (N,)."""
+    return one_hot(form.names.index(name), form.order)
