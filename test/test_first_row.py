@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from extended_arms import arm
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.first_row import off_channel
+from flex_plant_sim.inputs.first_row import LEAPS, off_channel
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 import pytest
 from simulated_records import REFERENCE
@@ -36,6 +38,18 @@ def test_a_second_reading_that_is_off_does_not_cost_the_first(record: Record) ->
     output = np.hstack([record.joint, record.strain])
     output[1, 1] += 0.3
     assert off_channel(record.time, output) is None
+
+
+def test_an_arm_that_a_leap_of_the_command_starts_has_a_first_reading() -> None:
+    time = np.linspace(0.0, 9.99, 1000)
+    quick = arm(*(f'drive_bandwidth:joint_{j}:time_constant_factor=0.7' for j in (1, 2)))
+    for joint in (0, 1):
+        command = np.zeros((len(time), 2))
+        command[:, joint] = 0.9 * np.exp(-time)
+        output = simulate(Simulator(quick), command)[0]
+        change = np.abs(np.diff(output[:, joint], 2))
+        assert change[0] > LEAPS * change[1:].max(), 'else it would not look so'
+        assert off_channel(time, output) is None
 
 
 @pytest.mark.parametrize('step', [1.0, 1e-6])

@@ -17,7 +17,9 @@ def off_channel(time: Array, output: Array) -> int | None:
     Return the channel whose first row is no reading; None if there is none.
 
     A driver that starts at zero, or keeps its last value, gives a first row that the next ones
-    deny. The rate of a channel then changes once as it never does again, whatever the arm does.
+    deny. The rate of a channel then changes once as it never does again, whatever the arm does. An
+    arm that starts from rest with a leap of its command may do so, too, but is slower in the first
+    interval than in the second.
 
     Parameters
     ----------
@@ -31,5 +33,6 @@ def off_channel(time: Array, output: Array) -> int | None:
         return None
     rate = np.diff(output, axis=0) / np.diff(time)[:, None]
     change = np.abs(np.diff(rate, axis=0))
-    leaps = change[0] > LEAPS * np.fmax.reduce(change[1:], axis=0)
+    leaps = ((change[0] > LEAPS * np.fmax.reduce(change[1:], axis=0))
+             & (np.abs(rate[0]) > np.abs(rate[1])))
     return int(np.argmax(leaps)) if leaps.any() else None
