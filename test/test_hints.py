@@ -13,6 +13,7 @@ from flex_plant_sim.commissioning.standard_move import simulated_move, standard_
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.inputs.plausible import channel_hints
+from flex_plant_sim.inputs.stale_rows import stale_note
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
@@ -196,6 +197,18 @@ def test_rows_that_repeat_the_one_before_are_told_where_noise_never_does(
     assert [note[:40] for note in said] == [
         '30 of 1200 rows have all readings of the'] * (not coarse)
     assert coarse or 'first line 723:' in said[0]
+
+
+def test_rows_that_repeat_at_a_short_rest_are_no_stale_ones() -> None:
+    chance = np.random.default_rng(2)
+    for _ in range(20):
+        readings = np.cumsum(chance.normal(size=(3000, 6)), axis=0)
+        readings[:60] = chance.random((60, 6)) < 0.1
+        assert (readings[1:60] == readings[:59]).all(axis=1).any()
+        assert not stale_note(readings, str)
+        stale = np.insert(readings, 1500, readings[1500], axis=0)
+        assert stale_note(stale, str).startswith('1 of 3001 rows have all readings of the row '
+                                                 'before, first 1501:')
 
 
 def test_commands_that_are_held_and_coarse_angles_are_evidence(tmp_path: Path) -> None:

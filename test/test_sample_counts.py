@@ -57,3 +57,17 @@ def test_refused_samples_are_said_with_their_reason() -> None:
     assert counts.status(2.0, 'joint_1: nan') == ('warn', '1 samples refused lately: joint_1: nan')
     assert counts.status(30.0, '') == ('ok', 'ok')
     assert counts.values() == {'lost or uneven': 0, 'refused': 1, 'restarts': 0}
+
+
+@pytest.mark.parametrize(('packet', 'apart'), [(2, 3e-4), (4, 3e-4), (5, 1e-3), (10, 3e-4)])
+def test_stamps_that_come_in_bursts_are_no_lost_samples(packet: int, apart: float) -> None:
+    burst = np.full(packet, apart)
+    burst[0] = 0.01 * packet - apart * (packet - 1)
+    counts = counts_of(np.tile(burst, 60))
+    assert not counts.slow
+    assert counts.status(1.0, '') == ('error', counts.bursts)
+    assert counts.bursts.startswith(
+        f'stamps come in bursts, {apart:.2g} to {burst[0]:.2g} s apart, expected 0.01 s')
+    for _ in range(20):
+        counts.add_interval(0.01, 1.0)
+    assert not counts.bursts

@@ -195,7 +195,8 @@ class PayloadEstimatorNode(SampleNode):
         if silence:
             level, text = 'stale', self._stale_text(silence)
         elif self.unknown_commands:
-            text = f'the commands between samples are not known: {self.slowness()}'
+            text = self._counts.bursts or (
+                f'the commands between samples are not known: {self.slowness()}')
         return self.status('estimate', level, text, {
             'status': estimate.status, 'time s': float(estimate.time),
             'mass kg': float(estimate.mass),

@@ -57,7 +57,7 @@ class SampleNode(ContractNode):
     WAITING : float
         Share of the queue that may stay filled before samples are passed over.
     unknown_commands : bool
-        Whether samples come so seldom that joint_states lacks commands between them.
+        Whether samples come so seldom that joint_states lacks commands, or in bursts.
     acting : ActingCommand
         Which command acted: the effort, or the last that this node sent or received.
 
@@ -219,8 +219,9 @@ class SampleNode(ContractNode):
                 self._pass_over(sample.stamp - last)
                 return
             self._watch_interval(sample.stamp - last)
-            self.unknown_commands = self._counts.slow and sample.commands < round(
-                seconds(sample.stamp - last) / self.robot.sample_time)
+            self.unknown_commands = bool(self._counts.bursts) or (
+                self._counts.slow and sample.commands < round(
+                    seconds(sample.stamp - last) / self.robot.sample_time))
         self._answer = None
         self._answer = self.take(self._gated(sample))
 

@@ -8,7 +8,9 @@ is in `recursion`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple, Protocol
 
 from flex_plant_sim.arm.schedule import barycentric_weights, Schedule
@@ -104,7 +106,8 @@ class FilterRun:
         ahead = _one_later(trajectory, arm, used_samples, states)[:, None]
         self.trajectory = states[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
-        self.pushes = {id(effect): _push(effect, motion, like) for effect in arm.pushing}
+        load = payload_masses(arm, self.time)
+        self.pushes = {id(effect): _push(effect, motion, load, like) for effect in arm.pushing}
         force = np.zeros(order) + sum(push.force for push in self.pushes.values())
         parts = (self.command, force, self.measured)
         self.drive = np.concatenate([np.broadcast_to(part, (len(used_samples), batch, width))
@@ -233,14 +236,21 @@ class FilterRun:
                              np.array(self.arm.bends), self.arm.step_time)
 
 
-def _push(effect: Effect, motion: Motion, like: FilterRun | None) -> Push:
-    """Return the force of an effect, that in another run where that has the same reasons."""
-    reasons = effect.pushed_by(motion)
+def _push(effect: Effect, motion: Motion, load: Array, like: FilterRun | None) -> Push:
+    """Return an effect's force with payloads (N, 1), that in another run with the same reasons."""
+    ends = [replace(motion, payload=float(mass)) for mass in np.unique([load.min(), load.max()])]
+    pushed = [effect.pushed_by(end) for end in ends]
+    reasons = None if None in pushed else [load, *chain.from_iterable(filter(None, pushed))]
     other = None if like is None else like.pushes.get(id(effect))
     if reasons is not None and other is not None and other.reasons is not None:
         if all(map(np.array_equal, reasons, other.reasons)):
             return other
-    return Push(effect.force(motion), reasons)
+    force, *heavy = (effect.force(end) for end in ends)
+    if heavy:
+        # The arm's kinetic energy is linear in the payload.
+        share = (load - ends[0].payload) / (ends[1].payload - ends[0].payload)
+        force = force + share[..., None] * (heavy[0] - force)
+    return Push(force, reasons)
 
 
 def _one_later(trajectory: FilteredTrajectory, arm: ExtendedArm, rows: Indices, states: Array
@@ -271,11 +281,17 @@ def payload_tables(arm: ExtendedArm, time: Array) -> tuple[Array, Array]:
     return share, np.array([loaded.schedule.table for loaded in arms])
 
 
-def payload_arms(arm: ExtendedArm, time: Array) -> tuple[Array, list[ExtendedArm]]:
-    """Return weights over payload nodes, (N, P), and the arm there."""
-    mass = np.full(len(time), arm.payload)
+def payload_masses(arm: ExtendedArm, time: Array) -> Array:
+    """Return the payload at times, kg, (…,)."""
+    mass = np.full(time.shape, arm.payload)
     for effect in arm.effects:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
+    return mass
+
+
+def payload_arms(arm: ExtendedArm, time: Array) -> tuple[Array, list[ExtendedArm]]:
+    """Return weights over payload nodes, (N, P), and the arm there."""
+    mass = payload_masses(arm, time)
     soft = TIP_SHARE * arm.robot.links[1].mass
     nodes = np.unique([mass.min(), mass.max()])
     places = nodes / (nodes + soft)

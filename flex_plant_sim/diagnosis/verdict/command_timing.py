@@ -18,6 +18,7 @@ from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.effects.drive.input_delay import InputDelay
 import numpy as np
+from scipy.special import ndtri
 
 
 def with_command_timing(diagnosis: Diagnosis, best: RefinedFit, data: Data, jobs: int = 1
@@ -63,14 +64,25 @@ def rows_late(best: RefinedFit, data: Data, jobs: int = 1) -> tuple[int, float]:
 
 
 def gain_if_moved(best: RefinedFit, data: Data, rows: int, jobs: int = 1) -> float:
-    """Return what a set gains if commands act rows earlier, nats."""
+    """
+    Return what a set gains if commands act rows earlier, nats.
+
+    Where errors stay large they are not white, and the gain is as uncertain as windows disagree:
+    then it is the least of its 95 % interval. (Where a drive's slew rate was limited, 8.3 nats
+    were 8.3 +- 10.4; with a cause left out and commands truly late, 32 +- 13.)
+    """
     fit = best.fit
     # Fitted alike: where much is wrong, parts that are fitted once more gain with any commands.
     as_logged, moved = (RefinedFit.refine(
         CandidateSet.of(fit), best.likelihood.base, data.with_commands_moved(by),
-        fit.error_scale, jobs).fit.log_evidence for by in (0, rows))
+        fit.error_scale, jobs).fit for by in (0, rows))
     # Without what its reading adds to the evidence that is stated, see `interpretations`.
-    return moved - max(as_logged, fit.statistics.log_evidence(fit.error_scale))
+    gain = moved.log_evidence - max(as_logged.log_evidence,
+                                    fit.statistics.log_evidence(fit.error_scale))
+    if not moved.has_large_errors:
+        return gain
+    by_window = moved.window_log_likelihoods - as_logged.window_log_likelihoods
+    return gain - float(ndtri(0.975) * np.sqrt(by_window.size) * np.std(by_window))
 
 
 def _linear_evidence(best: RefinedFit, rows: int) -> float:
